@@ -115,6 +115,10 @@ class _Witness:
 
     def calmness(self, now_ns: int) -> float:
         """1, or less if it changes sides too often (1)."""
+        fewest, longest_ns = CHANGES_LIMIT[0], round(WINDOWS_S[-1] * SECOND_NS)
+        if len(self.changed_ns) <= fewest or self.changed_ns[-1 - fewest] <= now_ns - longest_ns:
+            # The usual case: even the longest window holds no more than the shortest may.
+            return 1.0
         calmness = 1.0
         for window_s, limit in zip(WINDOWS_S, CHANGES_LIMIT, strict=True):
             changes = self.changes_since(now_ns - round(window_s * SECOND_NS))
