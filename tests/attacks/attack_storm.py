@@ -27,6 +27,8 @@ DEAF_SHARE = 0.3
 """A movement of which this share was heard by nobody may be lost."""
 DEAF_S = 0.5
 """Judgements further apart than this, or without a vote, are no hearing."""
+QUORUM = 2
+"""Votes that a label needs; three observers have this quorum."""
 
 
 def storm(stage, kind, seconds, chance, history):
@@ -65,7 +67,10 @@ FAULTS = ("lost", "unheard", "wrong", "doubled", "unended")
 
 @dataclass
 class Aftermath:
-    """What became of the movements: their numbers, and the ids of verdicts without an end."""
+    """What became of the movements: their numbers, and the ids of verdicts without an end.
+
+    few: those among the lost of which DEAF_SHARE was heard by fewer observers than the quorum.
+    """
 
     movements: int
     right: int = 0
@@ -74,6 +79,7 @@ class Aftermath:
     wrong: list = field(default_factory=list)
     doubled: list = field(default_factory=list)
     unended: list = field(default_factory=list)
+    few: list = field(default_factory=list)
 
     @property
     def harmless(self):
@@ -81,18 +87,19 @@ class Aftermath:
         return not (self.lost or self.wrong or self.doubled or self.unended)
 
     def __add__(self, other):
-        lists = {kind: [*getattr(self, kind), *getattr(other, kind)] for kind in FAULTS}
+        lists = {kind: [*getattr(self, kind), *getattr(other, kind)] for kind in (*FAULTS, "few")}
         return Aftermath(self.movements + other.movements, self.right + other.right, **lists)
 
     def __str__(self):
         parts = [f"{len(getattr(self, kind))} {kind}" for kind in FAULTS]
-        return f"{self.movements} movements: {self.right} right, {', '.join(parts)}"
+        few = f"; {len(self.few)} of the lost were heard by fewer observers than the quorum" if self.few else ""
+        return f"{self.movements} movements: {self.right} right, {', '.join(parts)}{few}"
 
 
 def aftermath(performed, judgements, verdicts):
     """Compares the verdicts that a witness received with what was performed."""
     words = _words(verdicts)
-    result, deaf = Aftermath(len(performed)), _deaf(judgements)
+    result, deaf, few = Aftermath(len(performed)), _deaf(judgements), _deaf(judgements, QUORUM)
     ids = [[] for _ in performed]
     for name, word in words.items():
         shares = [min(word["end"], one.ended_ns) - max(word["began"], one.began_ns) for one in performed]
@@ -114,6 +121,8 @@ def aftermath(performed, judgements, verdicts):
             result.right += 1
         else:
             (result.unheard if is_unheard else result.lost).append((number, movement.label))
+            if not is_unheard and _overlap(few, movement) > DEAF_SHARE * length_ns:
+                result.few.append(number)
     return result
 
 
@@ -143,9 +152,9 @@ def _words(verdicts):
     return words
 
 
-def _deaf(judgements):
-    """Spans in which no observer's vote reached a listener."""
-    heard = [one["at_ns"] for one in judgements if one["agreement"]["n"] > 0]
+def _deaf(judgements, least=1):
+    """Spans in which no judgement with so many observers' votes reached a listener."""
+    heard = [one["at_ns"] for one in judgements if one["agreement"]["n"] >= least]
     return [(a, b) for a, b in pairwise(heard) if b - a > DEAF_S * SECOND_NS]
 
 

@@ -99,4 +99,6 @@ def test_the_aftermath_tells_what_was_lost_from_what_nobody_could_hear():
     result = aftermath(performed, [judged(at_s) for at_s in times], verdicts)
     assert (result.right, result.unended, result.wrong) == (4, ["6"], [(1, "b", ["x"])])
     assert (result.lost, result.unheard, result.doubled) == ([(2, "c")], [(3, "d")], [(6, ["7", "8"])])
-    assert not result.harmless
+    assert not result.harmless and not result.few
+    one_observer = [judged(at_s, 1 if 80 <= at_s * 10 <= 100 else 2) for at_s in times]
+    assert aftermath(performed, one_observer, verdicts).few == [2]
