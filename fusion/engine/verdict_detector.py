@@ -23,8 +23,8 @@
    decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
 8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh with the
-   next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on after no
-   more than FORGOTTEN_S.
+   next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on. After
+   more than FORGOTTEN_S it ends at once: a service that is killed again and again might not live to see the rest.
 """
 
 from dataclasses import dataclass, replace
@@ -116,6 +116,9 @@ class VerdictDetector:
             self._heard_ns, self._before = None, LabelBefore()
         self._last_ns = at_ns = state.at_ns
         self._note_gap(state)
+        if self._is_forgotten:
+            ended = self.end_now(self._unheard_from_ns or at_ns)
+            return () if ended is None else (ended,)
         if state.observed and state.p >= self._config.threshold:
             self._before.name(state.label, at_ns)
         if self.movement is None and (state.idle or not state.observed):
@@ -158,8 +161,8 @@ class VerdictDetector:
         decision = None if self.movement is None else self.movement.decision
         if last_ns is not None and heard_ns - last_ns > UNHEARD_S * SECOND_NS:
             self._unheard_from_ns = None if decision is None else max(last_ns, decision.decided_ns)
-            self._is_past, self._is_forgotten = decision is None, heard_ns - last_ns > FORGOTTEN_S * SECOND_NS
-            self._candidate = None if self._is_forgotten else self._candidate
+            self._is_past = decision is None
+            self._is_forgotten = decision is not None and heard_ns - last_ns > FORGOTTEN_S * SECOND_NS
             self._before.hear_again(state.at_ns)
         if self._is_past and self.movement is not None and decision is None and not state.idle:
             self._begin(state.at_ns)
@@ -177,7 +180,7 @@ class VerdictDetector:
             self._faded_since_ns = None
         elif self._faded_since_ns is None:
             self._faded_since_ns = at_ns
-        if decision is not None and label is not None and (label != decision.label or self._is_forgotten):
+        if decision is not None and label is not None and label != decision.label:
             return self._replace(movement, decision, label, at_ns)
         if label is not None:
             self._unheard_from_ns = None
@@ -220,7 +223,7 @@ class VerdictDetector:
         self._candidate = self._rest_since_ns = self._label_at_rest = None
         self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
         self._revisions, self._was_idle, self._is_past, self._deferred = 0, False, False, None
-        self._is_tail = self._is_forgotten = False
+        self._is_tail = False
         self._before.begin(at_ns)
         return movement
 

@@ -155,7 +155,8 @@ def _words(verdicts):
 def _deaf(judgements, least=1):
     """Spans in which no judgement with so many observers' votes reached a listener."""
     heard = [one["at_ns"] for one in judgements if one["agreement"]["n"] >= least]
-    return [(a, b) for a, b in pairwise(heard) if b - a > DEAF_S * SECOND_NS]
+    bounds = [one["at_ns"] for one in (*judgements[:1], *judgements[-1:])]
+    return [(a, b) for a, b in pairwise([*bounds[:1], *heard, *bounds[1:]]) if b - a > DEAF_S * SECOND_NS]
 
 
 def _overlap(spans, movement):

@@ -402,7 +402,7 @@ def test_8_after_a_long_gap_the_same_label_is_another_movement(restart):
     before, after = [*rest(1), *sure(5)], [*sure(16), *rest(4)]
     words = words_after_a_gap(before, 120, after, restart)
     ended = [("bow", "decided", 1), ("bow", "ended", 5)]
-    assert words == [*ended, ("bow", "decided", 126), ("bow", "ended", 142)]
+    assert words == [*ended, ("bow", "decided", 127), ("bow", "ended", 142)]
     assert words_after_a_gap(before, 60, after, restart) == [("bow", "decided", 1), ("bow", "ended", 82)]
 
 
