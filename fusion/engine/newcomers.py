@@ -11,9 +11,9 @@ among others that see little is the usual case in a room. Three observers have t
 that differ either may be right.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 
-from fusion.engine.reliability import information_of_top
 from fusion.engine.roster import AgedPosterior
 
 SURER = 1.2
@@ -34,13 +34,15 @@ def limit_newcomers(posteriors: Sequence[AgedPosterior], unproven: Mapping[str, 
     """The posteriors, the surest with less influence if it is a newcomer. unproven: as of `newcomers`."""
     if len(posteriors) < 3 or not unproven:
         return posteriors
-    information = [information_of_top(one.p.item(one.p.argmax()), one.p.size, one.unlearned) for one in posteriors]
-    third, second, first = sorted(information)[-3:]
+    size = posteriors[0].p.size
+    # Information times ln(size): its ratios are the same.
+    nats = [math.log(size * one.p.item(one.p.argmax())) * (1.0 - (one.unlearned or 0.0)) for one in posteriors]
+    third, second, first = sorted(nats)[-3:]
     if third <= 0.0 or SURER * second >= first:
         return posteriors
-    place = information.index(first)
+    place = nats.index(first)
     surest = posteriors[place]
-    share = unproven.get(surest.observer, 0.0) * min(third / KNOWS, 1.0)
+    share = unproven.get(surest.observer, 0.0) * min(third / (KNOWS * math.log(size)), 1.0)
     if share == 0.0:
         return posteriors
     limit = max(SURER * second / first, LEAST_INFLUENCE)

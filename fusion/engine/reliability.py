@@ -108,15 +108,8 @@ def steadiness_after(steadiness: float, last: Floats, new: Floats, seconds: floa
 
 def information_of(p: Sequence[float], unlearned: float | None) -> float:
     """How much a posterior (M,) knows about the movement: 0 if it is uniform, or of something else; 1 if it is sure."""
-    return information_of_top(max(p), len(p), unlearned)
-
-
-def information_of_top(top: float, size: int, unlearned: float | None) -> float:
-    """The same of `size` probabilities of which `top` is the largest."""
-    over_uniform = size * top
-    if size < 2 or over_uniform <= 1.0:
-        return 0.0
-    return math.log(over_uniform) / math.log(size) * (1.0 - (unlearned or 0.0))
+    certainty = math.log(max(len(p) * max(p), 1.0)) / math.log(len(p)) if len(p) > 1 else 0.0
+    return certainty * (1.0 - (unlearned or 0.0))
 
 
 def overlap_of(p: Floats, unlearned: float | None, q: Floats, unlearned_q: float | None) -> float:
