@@ -70,9 +70,7 @@ def guarded_pool(p: Floats, prior: Floats, observers: ObserverTrust) -> RuleResu
     """(..., N, M) posteriors, (M,) prior -> the pooled p (..., M), and shares (..., N). N is at most MOST_POOLED."""
     times = ONE_SCENE if p.ndim == 2 else MANY_SCENES
     fixed = _fixed(p.shape[-2], prior.tobytes(), p.ndim)
-    logs = p * fixed.scale
-    logs += fixed.offset
-    np.log(logs, logs)
+    logs = np.log(p * fixed.scale + fixed.offset)
     bits = np.maximum(times.matrices(p * logs[0], fixed.to_bits), ZERO)
     w = _exponents(p, logs[2], bits, observers, fixed, times)
     x = times.matrices(w, logs[1])
