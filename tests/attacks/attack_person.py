@@ -27,8 +27,9 @@ from studies.trials import strung, with_labels
 VIEWS = {"door": "door", "corner": "yaw:45", "side": "yaw:-45", "wheel": "wheel"}
 RECORDED = ("high_arm_wave", "hand_clap", "two_hand_wave", "draw_x")
 PERFORMED = ("lunging", "byebye", "nthrow", "stretch")
-TEACHERS = ("1", "3", "5", "7")
-STUDENT = "2"
+TEACHERS = ("1", "3", "5", "7", "9")
+STUDENT = os.environ.get("LABANMESH_ATTACKS_PERSON", "2")
+"""Who is judged, by four observers that learned from four teachers: development people are the teachers themselves."""
 SEED = 17
 RATE_HZ = 15.0
 SETTLE = 8
@@ -75,7 +76,8 @@ def meet(folder=None, kind=DEFAULT_MODEL):
     if place:
         labels, archive = RECORDED, import_recordings("msr-action3d", Path(place) / "msr_action3d").archive
         known = with_labels(archive, labels)
-        learned = MotionArchive(known.body_parts, tuple(r for r in known.recordings if r.subject in TEACHERS))
+        teachers = [teacher for teacher in TEACHERS if teacher != STUDENT][:4]
+        learned = MotionArchive(known.body_parts, tuple(r for r in known.recordings if r.subject in teachers))
         own = [r for r in known.recordings if r.subject == STUDENT]
         (stream,) = strung(own, np.random.default_rng(SEED))
     else:

@@ -20,8 +20,6 @@ HOSTILE = tuple(name for name in STRATEGIES if name != HONEST)
 SHORT = ("wrong from the first frame", "junk")
 SHORT_ROOM = (4, 10, 0)
 LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
-TWO_WAVER = "two honest judges waver, and a liar that no verdict has exposed yet turns or splits 1 of 12"
-WITH_TWO_SEEING = {("second best", 4), ("second best", 30), ("a prior that vetoes", 30)}
 LONG_ROOMS = [(judges, rate, blind) for judges, blind in ROOMS for rate in RATES_HZ]
 
 
@@ -62,22 +60,14 @@ def table(harms):
     return "\n".join(lines) + "\n"
 
 
-def known(case):
-    """Why a case falls short today, or "". Where the two honest judges that see waver, a third vote decides."""
-    two_see = case.judges - 1 - case.blind == 2
-    return TWO_WAVER if two_see and (case.strategy, case.rate_hz) in WITH_TWO_SEEING else ""
-
-
 def cases():
-    """The cases that are required; those that fall short are expected to, as long as they do."""
+    """The cases that are required."""
     rooms = [(judges, rate, blind) for judges, rate, blind in LONG_ROOMS if judges > 2] if LONG else [SHORT_ROOM]
     for judges, rate, blind in rooms:
         for strategy in HOSTILE if LONG else SHORT:
             case = Case(strategy, judges, rate, blind)
-            reason = known(case)
-            marks = [pytest.mark.xfail(strict=True, reason=reason)] if LONG and reason else []
             if is_required(case):
-                yield pytest.param(case, id=f"{strategy}-{case.label}", marks=marks)
+                yield pytest.param(case, id=f"{strategy}-{case.label}")
 
 
 @pytest.mark.parametrize("case", list(cases()))
