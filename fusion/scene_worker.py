@@ -165,8 +165,6 @@ class SceneWorker:
         if not self.owns or not self._listeners_hear():
             return StepResult(output)
         published, self._withheld = self._withheld, []
-        if self._reachable.was_lost(self._sent_s):
-            self._publisher.repeat_verdict()
         self._sent_s = self._ticks() if published else self._sent_s
         self._publisher.publish(published, output.judgement)
         self._log_waiting(output.judgement)
@@ -197,9 +195,14 @@ class SceneWorker:
             self._last_words = self._publisher.judgement_payload
 
     def settle(self) -> bool:
-        """Publish the end of the movement in which this service stood down, once it is due; whether nothing is open."""
+        """Publish the end of the movement in which this service stood down, once it is due, and what was lost with the
+        link; whether nothing is open."""
+        is_router = self._scene.mesh.mode == "router"
+        is_reachable = not is_router or self._reachable.update(self._link.connected, self._ticks())
+        if self._reachable.was_lost(self._sent_s):
+            self._publisher.repeat_verdict()
         if self._open is None:
-            return True
+            return is_reachable
         now_ns = self._clock()
         same_as = self._open.same_as(now_ns)
         if same_as is not None:
