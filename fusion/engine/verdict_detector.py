@@ -236,13 +236,13 @@ class VerdictDetector:
         deferred, self._deferred = self._deferred, None
         if self._rest_since_ns == at_ns:
             label = label or deferred
+        if self._rest_since_ns is not None and self._before.is_tail(label, movement.began_ns, self._rest_since_ns):
+            self._is_tail = True
+            return None
         if label is None or not self._is_long_enough(movement, at_ns) or self._is_over(movement, label, at_ns):
             return None
         if self._rest_since_ns is None and self._before.is_carried(label, movement.began_ns, at_ns):
             self._deferred = label
-            return None
-        if self._before.is_tail(label, movement.began_ns, at_ns):
-            self._is_tail = True
             return None
         return MovementDecision(label, movement.began_ns, at_ns)
 

@@ -72,6 +72,10 @@ CASES = {
         (rest(2), sure(12), rest(6), sure(8), rest(9)),
         {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14)},
     ),
+    "3: also where its label is held only at rest": (
+        (rest(2), sure(12), rest(6), moving(9), sure(1), sure_at_rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14)},
+    ),
     "3: but another label is": (
         (rest(2), sure(12), rest(6), sure(8, "lunge"), rest(9)),
         {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 23: ("lunge", 20, 23, None), 31: ("lunge", 20, 23, 28)},
