@@ -57,8 +57,7 @@ REFRESH_S = 0.25
 class _Witness:
     """One observer's side, when it changed it (newest last), its information, and what was gained on each side.
 
-    Times are those of capture, by our clock. captured_ns: of its newest frame. missed: changes of most of the others
-    since it changed; others_rest: their side at its newest frame.
+    Times are those of capture, by our clock. captured_ns: of its newest frame.
     dissent: how much it lately differed from most of the others; contradiction: from the only other.
     """
 
@@ -66,8 +65,6 @@ class _Witness:
     information: float
     met_ns: int
     captured_ns: int = 0
-    missed: int = 0
-    others_rest: bool | None = None
     changed_ns: list[int] = field(default_factory=list)
     right: float = 0.0
     wrong: float = 0.0
@@ -81,7 +78,7 @@ class _Witness:
         rests = one.rest >= 0.5
         self.captured_ns = now_ns - round(max(one.age_s or 0.0, 0.0) * SECOND_NS)
         if rests != self.rests:
-            self.rests, self.missed = rests, 0
+            self.rests = rests
             self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
         gain, self.information = one.information - self.information, one.information
         if gain > 0.0:
@@ -125,21 +122,18 @@ class _Witness:
             calmness *= 1.0 if changes <= limit else (limit / changes) ** 3
         return calmness
 
-    def watch(self, others: Sequence["_Witness"], now_ns: int) -> None:
-        """Count changes of most of the others that its own frames might have shown, since it changed sides itself."""
-        sides = [other.rested_at(self.captured_ns) for other in others if other.calmness(now_ns) == 1.0]
-        resting = sum(sides)
-        if 2 * resting != len(sides):
-            others_rest = 2 * resting > len(sides)
-            self.missed += self.others_rest is not None and self.others_rest != others_rest
-            self.others_rest = others_rest
-
-    def liveliness(self, now_ns: int) -> float:
+    def liveliness(self, others: Sequence["_Witness"], now_ns: int) -> float:
         """Half for each change of the others that it has not made, if it is no matter of timing (2)."""
-        if not self.changed_ns:
-            return float(0.5**self.missed) if now_ns - self.met_ns > MET_S * SECOND_NS else 1.0
-        is_stuck = self.missed > MISSED and now_ns - self.changed_ns[-1] > STUCK_S * SECOND_NS
-        return float(0.5 ** (self.missed - MISSED)) if is_stuck else 1.0
+        last_ns = self.changed_ns[-1] if self.changed_ns else None
+        since_ns, until_ns = last_ns or self.met_ns, self.captured_ns
+        counts = (
+            o.changes_since(since_ns) - o.changes_since(until_ns) if o.calmness(now_ns) == 1.0 else 0 for o in others
+        )
+        missed = sorted(counts)[(len(others) - 1) // 2]
+        if last_ns is None:
+            return float(0.5**missed) if now_ns - self.met_ns > MET_S * SECOND_NS else 1.0
+        is_stuck = missed > MISSED and now_ns - last_ns > STUCK_S * SECOND_NS
+        return float(0.5 ** (missed - MISSED)) if is_stuck else 1.0
 
 
 class RestTrust:
@@ -174,8 +168,6 @@ class RestTrust:
                 self._witnesses[one.observer] = _Witness(one.rest >= 0.5, one.information, now_ns)
             self._witnesses[one.observer].note(one, now_ns)
         self._sides, self._names = sides, [one.observer for one in sighted]
-        for witness, others in self._pairings():
-            witness.watch(others, now_ns)
         self._trust = [self._trust_in(one.observer, now_ns) for one in posteriors]
         trust = dict(zip((one.observer for one in posteriors), self._trust, strict=True))
         self.contested, self.reliability = self._is_contested(trust), self._reliability(trust, seconds)
@@ -199,7 +191,7 @@ class RestTrust:
         others = [self._witnesses[name] for name in self._names if name != observer]
         if witness is None or not others:
             return 1.0
-        trust = witness.calmness(now_ns) * witness.liveliness(now_ns) * (1.0 - _excess(witness.dissent))
+        trust = witness.calmness(now_ns) * witness.liveliness(others, now_ns) * (1.0 - _excess(witness.dissent))
         if len(others) == 1:
             behind = max(others[0].evidence - witness.evidence, 0.0)
             trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))
