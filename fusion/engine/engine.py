@@ -22,7 +22,6 @@ from fusion.engine.evidence import NO_EVIDENCE, LastObserved, NearestMiss, Verdi
 from fusion.engine.explanation import explain_undecided, why_contested
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.movement import MovementDecision, PooledState, last_heard_ns
-from fusion.engine.newcomers import limit_newcomers, newcomers
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
@@ -85,7 +84,6 @@ class FusionEngine:
             )
             for observer in self._roster.rejected
         }
-        self._newcomers = newcomers(self._records, reliability.evidence)
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` s after the first (roster_start.py)."""
@@ -145,7 +143,7 @@ class FusionEngine:
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`; `output_for` takes the result. So many scenes can be pooled at once."""
-        return self._case(limit_newcomers(self._roster.posteriors(now_ns, self._records), self._newcomers))
+        return self._case(self._roster.posteriors(now_ns, self._records))
 
     def output_for(
         self, posteriors: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None

@@ -152,7 +152,7 @@ def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
     """The learned trust in the observers; correlations with observers that are not among them are left out."""
     unknown = ObserverTrust.unknown(len(posteriors))
-    reliability = [each.reliability * each.influence for each in posteriors]
+    reliability = [each.reliability for each in posteriors]
     has_trust = min(reliability) < 1.0
     trust = np.array(reliability) if has_trust else unknown.trust
     if not _has_correlations(posteriors):

@@ -63,8 +63,7 @@ class AgedPosterior:
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
     with other observers: learned from verdicts; reliability is also less for an observer that contradicts itself
     (reliability.py). freshness: how much of its opinion is left at its age, and after how long it saw nobody, 0 to 1.
-    message: its newest one, which is not faded. influence: less than 1 if it is much surer than all others before it is
-    known (newcomers.py).
+    message: its newest one, which is not faded.
     """
 
     observer: str
@@ -80,19 +79,11 @@ class AgedPosterior:
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
     message: PosteriorMessage | None = None
-    influence: float = 1.0
 
     @property
     def information(self) -> float:
         """How much its newest message knows about the movement, before it fades, 0 to 1. Wanted some times a second."""
         return 0.0 if self.message is None else information_of(self.message.p, self.message.unlearned)
-
-    def with_influence(self, influence: float) -> "AgedPosterior":
-        """The same with less influence; `dataclasses.replace` takes six times as long."""
-        return AgedPosterior(
-            self.observer, self.p, self.rest, self.age_s, self.state, self.skew_s, self.unlearned, self.surprise,
-            self.facets, self.reliability, self.correlations, self.freshness, self.message, influence,
-        )  # fmt: skip
 
 
 class Roster:
