@@ -163,7 +163,7 @@ class FusionEngine:
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
         # No observer counts any more, as after a film: waiting would show as little as after the begin of rest.
         last = None if observed else self._last_observed
-        shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0)
+        shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0, observed=False)
         decisions = self._detector.update(shown) if has_posterior else ()
         self._start.update(posteriors, now_ns)
         self._seq += 1

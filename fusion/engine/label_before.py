@@ -4,7 +4,7 @@
    tenths of a second to change; one that is away, frozen or just started does not change at all. What they name in
    common until then is the movement before, which must not be decided again.
 2. So a label that they had named for BEFORE_S when the movement began is decided no sooner than CARRIED_S after that,
-   or when the person comes to rest.
+   or when the person comes to rest. That all observers go is no rest.
 3. A movement of the same label that begins within TAIL_S of the end of the one before, and lasts for less than
    CARRIED_S, is its tail, and gets no verdict: an observer that took a turn for rest ended it too soon.
 4. As rule 2 is any label of a movement that begins within BEFORE_S of the end of a time in which nobody was heard.

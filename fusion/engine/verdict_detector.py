@@ -75,6 +75,7 @@ class VerdictDetector:
         self._before = LabelBefore()
         self._deferred: str | None = None
         self._is_tail = self._is_forgotten = False
+        self._is_observed = True
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -115,6 +116,7 @@ class VerdictDetector:
             self._finish()
             self._heard_ns, self._before = None, LabelBefore()
         self._last_ns = at_ns = state.at_ns
+        self._is_observed = state.observed
         self._note_gap(state)
         if self._is_forgotten:
             ended = self.end_now(self._unheard_from_ns or at_ns)
@@ -241,7 +243,9 @@ class VerdictDetector:
             return None
         if label is None or not self._is_long_enough(movement, at_ns) or self._is_over(movement, label, at_ns):
             return None
-        if self._rest_since_ns is None and self._before.is_carried(label, movement.began_ns, at_ns):
+        # Observers that go show nothing of a movement that has just begun, as rest would.
+        is_seen_resting = self._rest_since_ns is not None and self._is_observed
+        if not is_seen_resting and self._before.is_carried(label, movement.began_ns, at_ns):
             self._deferred = label
             return None
         return MovementDecision(label, movement.began_ns, at_ns)

@@ -171,6 +171,22 @@ def test_what_is_improbable_is_not_decided_when_the_observers_go():
     assert scene.labels == [ABSTAIN]
 
 
+def test_what_was_named_before_a_movement_is_not_decided_when_the_observers_go_just_after_its_begin():
+    """The router is killed a tenth of a second after the person began to move."""
+    scene = EngineDriver(quorum=2, hold_s=0.1)
+    scene.engine.set_present(frozenset(VIEWS))
+    scene.step(all_views(sure("bow")), REST, 6)
+    scene.step(all_views(sure("bow")), MOVING, 2)
+    scene.engine.set_present(frozenset())
+    for _ in range(15):
+        scene.tick()
+        scene.fuse()
+    scene.engine.set_present(frozenset(VIEWS))
+    scene.step(all_views(sure("punch")), MOVING, 8)
+    scene.step(all_views(sure("punch")), REST, 4)
+    assert [label for label in scene.labels if label != ABSTAIN] == ["punch", "punch"]
+
+
 def test_all_states_of_a_vote_side_by_side():
     scene = EngineDriver(["counted", "stale", "late", "silent", "foreign", "invalid"], quorum=1)
     scene.publish("counted", sure("bow"), 0.1)
