@@ -113,9 +113,8 @@ class SceneWorker:
         self._withheld: list[VerdictMessage] = []
         self._open: OpenMovement | None = None
         self._last_words: bytes | None = None
-        self._heard_s = service.ticks()
+        self._heard_s, self._sent_s = service.ticks(), float("-inf")
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
-        self._sent_s = float("-inf")
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
         self.epoch = 0
