@@ -77,6 +77,7 @@ def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | No
     for rest, weight in votes:
         middle = before + weight / 2
         if middle >= half:
-            return last_rest + (rest - last_rest) * (half - last_middle) / (middle - last_middle)
+            # Round-off may exceed 1.
+            return min(last_rest + (rest - last_rest) * (half - last_middle) / (middle - last_middle), rest)
         last_rest, last_middle, before = rest, middle, before + weight
     return last_rest

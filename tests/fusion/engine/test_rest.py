@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_stage import LABELS, UNIFORM, EngineDriver, aged, sure
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
@@ -29,6 +29,7 @@ def aged_rest(n, rest, freshness, state="counted"):
 
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.floats(0.01, 1)), min_size=1, max_size=6), st.floats(0.1, 1))
+@example([(1.0, 0.578125), (1.0, 0.578125), (0.07463064547557031, 0.578125)], 1.0)
 def test_rest_is_a_median_that_needs_no_order_and_no_scale(votes, scale):
     rest = pooled_rest(resting(*votes))
     assert min(r for r, _ in votes) <= rest <= max(r for r, _ in votes)
