@@ -25,6 +25,7 @@
 8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh with the
    next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on. After
    more than FORGOTTEN_S it ends at once: a service that is killed again and again might not live to see the rest.
+   What observers name if the person rests then may be a later movement after HIDDEN_S: the undecided one is unknown.
 """
 
 from dataclasses import dataclass, replace
@@ -41,6 +42,8 @@ NEXT_S, REVISED_S = 0.3, 1.0
 """Movements of people follow one another no faster; an observer changes its mind earlier."""
 UNHEARD_S = 1.0
 """A shorter outage hides no whole movement, nor the whole rest between two."""
+HIDDEN_S = 2.0
+"""A longer outage can hide a rest and a whole movement."""
 FORGOTTEN_S = 5.0
 """After a longer outage the same label is another movement."""
 REVOKED_S = 0.3
@@ -68,13 +71,12 @@ class VerdictDetector:
         self._rest_since_ns: int | None = None
         self._faded_since_ns: int | None = None
         self._witnessed: int | None = None
-        self._was_idle = self._is_past = False
         self._else_since_ns: int | None = None
         self._heard_ns: int | None = None
         self._unheard_from_ns: int | None = None
         self._before = LabelBefore()
         self._deferred: str | None = None
-        self._is_tail = self._is_forgotten = False
+        self._was_idle = self._is_tail = self._is_past = self._is_unknown = self._is_forgotten = False
         self._is_observed = True
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
@@ -127,10 +129,8 @@ class VerdictDetector:
             return ()
         movement = self.movement or self._begin(at_ns)
         label = self._held_label(state)
-        if state.unlearned < self._config.threshold:
-            self._else_since_ns = None
-        elif self._else_since_ns is None:
-            self._else_since_ns = at_ns
+        is_else, since_ns = state.unlearned >= self._config.threshold, self._else_since_ns
+        self._else_since_ns = None if not is_else else at_ns if since_ns is None else since_ns
         if not state.observed or state.rest >= 0.5:
             self._faded_since_ns = None
         elif (change := self._change(movement, state, label)) is not None:
@@ -158,13 +158,14 @@ class VerdictDetector:
         """Rule 8: notice that observers are heard again after they were not."""
         if not state.observed:
             return
-        heard_ns, last_ns = state.at_ns if state.heard_ns is None else state.heard_ns, self._heard_ns
-        self._heard_ns = heard_ns if last_ns is None else max(heard_ns, last_ns)
+        heard_ns = state.at_ns if state.heard_ns is None else state.heard_ns
+        last_ns = heard_ns if self._heard_ns is None else self._heard_ns
+        self._heard_ns, gap_s = max(heard_ns, last_ns), (heard_ns - last_ns) / SECOND_NS
         decision = None if self.movement is None else self.movement.decision
-        if last_ns is not None and heard_ns - last_ns > UNHEARD_S * SECOND_NS:
+        if gap_s > UNHEARD_S:
             self._unheard_from_ns = None if decision is None else max(last_ns, decision.decided_ns)
-            self._is_past = decision is None
-            self._is_forgotten = decision is not None and heard_ns - last_ns > FORGOTTEN_S * SECOND_NS
+            self._is_past, self._is_unknown = decision is None, decision is None and gap_s > HIDDEN_S
+            self._is_forgotten = decision is not None and gap_s > FORGOTTEN_S
             self._before.hear_again(state.at_ns)
         if self._is_past and self.movement is not None and decision is None and not state.idle:
             self._begin(state.at_ns)
@@ -225,19 +226,18 @@ class VerdictDetector:
         self._candidate = self._rest_since_ns = self._label_at_rest = None
         self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
         self._revisions, self._was_idle, self._is_past, self._deferred = 0, False, False, None
-        self._is_tail = False
+        self._is_tail = self._is_unknown = False
         self._before.begin(at_ns)
         return movement
 
     def _finish(self) -> None:
         self.movement = self._label_at_rest = self._unheard_from_ns = None
-        self._is_forgotten = False
+        self._is_forgotten = self._is_unknown = False
 
     def _first_word(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
         """The decision of a movement that has none, if it is due (rule 2)."""
         deferred, self._deferred = self._deferred, None
-        if self._rest_since_ns == at_ns:
-            label = label or deferred
+        label = label or (deferred if self._rest_since_ns == at_ns else None)
         if self._rest_since_ns is not None and self._before.is_tail(label, movement.began_ns, self._rest_since_ns):
             self._is_tail = True
             return None
@@ -252,7 +252,7 @@ class VerdictDetector:
 
     def _held_label(self, state: PooledState) -> str | None:
         """The label that has met the demand for `hold_s`, if any."""
-        if state.p < self._config.threshold or state.agreeing < self._config.quorum:
+        if self._is_unknown or state.p < self._config.threshold or state.agreeing < self._config.quorum:
             self._candidate = None
             return None
         if self._candidate is None or self._candidate.label != state.label:

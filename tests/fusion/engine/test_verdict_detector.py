@@ -425,3 +425,6 @@ def test_8_nor_does_one_go_on_that_was_over_when_observers_are_heard_again(resta
     assert words_after_a_gap(before, after=story, **gone)[0] == ("lunge", "decided", 37)
     # What observers still say at rest is about the movement that nobody heard to its end.
     assert words_after_a_gap(before, after=sure_at_rest(9), **gone)[0] == ("bow", "decided", 1)
+    # But not after so long that another movement may have come and gone.
+    words = words_after_a_gap(before, 60, [*sure_at_rest(9, "lunge"), *sure(8), *rest(4)], restart)
+    assert words[0][:2] == (ABSTAIN, "ended") and words[1][:2] == ("bow", "decided")
