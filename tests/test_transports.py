@@ -6,13 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-import time
 import uuid
 from pathlib import Path
 
 import msgpack
 import pytest
+from processes import until
 
 from benchmarks.transports import clients, commands
 from benchmarks.transports.actors import ReceivedJudgement
@@ -28,13 +27,6 @@ LONG = "LABANMESH_TRANSPORTS" in os.environ
 long_only = pytest.mark.skipif(not LONG, reason="many processes: make test-transports runs it")
 NO_MARKS = "the page has no place for the table: it needs the lines"
 page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
-
-
-def until(condition, what, seconds=SOON_S):
-    pause, end_s = threading.Event(), time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end_s, f"not within {seconds} s: {what}"
-        pause.wait(0.02)
 
 
 def test_latency_is_the_time_to_the_first_judgement_with_a_message_or_a_later_one():
@@ -178,7 +170,7 @@ def test_all_processes_end_with_the_conductor(name, end, tmp_path):
         command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as conductor:
         wanted = 7 + bool(KINDS[name].broker)
-        until(lambda: len(alive(mark)) >= wanted, "conductor, tracker, fusion, listener and publishers")
+        until(lambda: len(alive(mark)) >= wanted, "conductor, tracker, fusion, listener and publishers", SOON_S)
         if end == signal.SIGINT:
             # As a terminal does it: to all at once.
             os.killpg(conductor.pid, end)
@@ -186,6 +178,6 @@ def test_all_processes_end_with_the_conductor(name, end, tmp_path):
             conductor.kill()
         _, errors = conductor.communicate(timeout=SOON_S)
     assert conductor.returncode == (130 if end == signal.SIGINT else -signal.SIGKILL), errors
-    until(lambda: not alive(mark), lambda: alive(mark))
+    until(lambda: not alive(mark), lambda: alive(mark), SOON_S)
     # A killed conductor cannot silence the others.
     assert end == signal.SIGKILL or "Traceback" not in errors

@@ -5,6 +5,7 @@ import re
 import sys
 import tomllib
 from fnmatch import fnmatch
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import NamedTuple
@@ -126,7 +127,12 @@ def module_name(path):
 
 
 FILES = {module_name(p): p for p in [HOUSE / "labanmesh.py", *(f for r in ROOMS for f in (HOUSE / r).rglob("*.py"))]}
-TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+@cache
+def trees():
+    """The syntax tree of each module. Not at import: every worker imports this file, and one runs its tests."""
+    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
 
 
 def imports_in(module, node, at_import=True, for_types=False):
@@ -146,7 +152,9 @@ def imports_in(module, node, at_import=True, for_types=False):
             yield from imports_in(module, child, inside, types)
 
 
-IMPORTS = [each for name, tree in TREES.items() for each in imports_in(name, tree)]
+@cache
+def all_imports():
+    return [each for name, tree in trees().items() for each in imports_in(name, tree)]
 
 
 def room_of(module):
@@ -167,18 +175,18 @@ def listed(faults):
 
 def test_this_test_finds_the_imports():
     assert {room_of(name) for name in FILES} == {*ROOMS, "labanmesh"}
-    pairs = {(i.by, i.of) for i in IMPORTS}
+    pairs = {(i.by, i.of) for i in all_imports()}
     assert ("fusion.engine.engine", "fusion.engine.verdict_detector") in pairs and ("common.link", "zenoh") in pairs
-    lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.server"]
+    lazy = [i for i in all_imports() if i.by == "fusion.commands" and i.of == "fusion.server"]
     assert lazy and not lazy[0].at_import
-    assert any(i.for_types and i.of == "common.link" for i in IMPORTS if i.by == "hub.session")
+    assert any(i.for_types and i.of == "common.link" for i in all_imports() if i.by == "hub.session")
 
 
 def test_packages_import_only_what_they_may():
     faults = [
         f"{i.place} imports {i.of}: {room_of(i.by)} may import {', '.join(sorted(MAY_ENTER[room_of(i.by)]))}; "
         "move what both need to common, or let studies join them"
-        for i in IMPORTS
+        for i in all_imports()
         if i.top in (*ROOMS, "labanmesh") and i.top not in MAY_ENTER[room_of(i.by)]
     ]
     assert not faults, listed(faults)
@@ -186,7 +194,7 @@ def test_packages_import_only_what_they_may():
 
 def test_the_command_line_imports_a_package_only_for_its_verb():
     allowed = ("common.errors", "common.text")
-    faults = [i.place for i in IMPORTS if i.by == "labanmesh" and i.top in ROOMS and i.of not in allowed]
+    faults = [i.place for i in all_imports() if i.by == "labanmesh" and i.top in ROOMS and i.of not in allowed]
     assert not faults, f"labanmesh.py imports packages only through VERBS, so that --help is fast: {listed(faults)}"
     assert {room_of(verb.module) for verb in VERBS.values()} <= set(ROOMS)
 
@@ -195,7 +203,7 @@ def test_the_command_line_imports_a_package_only_for_its_verb():
 def test_each_heavy_library_is_imported_in_one_place(library, where):
     faults = [
         f"{i.place}: {library} is imported in {where} only; use that module"
-        for i in IMPORTS
+        for i in all_imports()
         if i.top == library and not any(fnmatch(str(FILES[i.by].relative_to(HOUSE)), w) for w in where.split())
     ]
     assert not faults, listed(faults)
@@ -211,7 +219,7 @@ def declared():
 def test_every_imported_library_is_declared():
     groups = declared()
     faults = []
-    for i in IMPORTS:
+    for i in all_imports():
         if i.top in sys.stdlib_module_names or i.top in (*ROOMS, "labanmesh"):
             continue
         extras = ("", *EXTRAS_OF.get(room_of(i.by), ()))
@@ -227,7 +235,7 @@ def test_pure_modules_do_not_use_the_outside_world():
     faults = [
         f"{i.place} imports {i.of}, which uses the outside world: pass it in, move that part to a file of its own, "
         "or, if this is the purpose of the module, list it in IMPURE with the reason"
-        for i in IMPORTS
+        for i in all_imports()
         if is_pure(i.by) and i.by != "labanmesh" and not i.for_types and (i.by, i.of) not in ALLOWED
         if i.top in OUTSIDE_WORLD or (i.of in FILES and not is_pure(i.of))
     ]
@@ -238,7 +246,7 @@ def test_pure_modules_open_no_files_and_use_no_unseeded_random_numbers():
     forbidden = {"open", "print", "input", "read_text", "write_text", "read_bytes", "write_bytes", "urlopen"}
     faults = []
     for name in filter(is_pure, FILES):
-        for call in (n for n in ast.walk(TREES[name]) if isinstance(n, ast.Call)):
+        for call in (n for n in ast.walk(trees()[name]) if isinstance(n, ast.Call)):
             function = ast.unparse(call.func)
             unseeded = function.endswith("default_rng") and not call.args
             impure = function.rpartition(".")[2] in forbidden or function.startswith("np.load") or unseeded
@@ -248,7 +256,7 @@ def test_pure_modules_open_no_files_and_use_no_unseeded_random_numbers():
 
 
 def test_the_exceptions_are_still_needed():
-    used = {(i.by, i.of) for i in IMPORTS}
+    used = {(i.by, i.of) for i in all_imports()}
     unused = [f"{by} -> {of}" for by, of in ALLOWED if (by, of) not in used]
     unused += [pattern for pattern in PATTERNS if not any(fnmatch(name, pattern) for name in FILES)]
     assert not unused, f"take these out of ALLOWED and IMPURE: {listed(unused)}"
@@ -264,7 +272,7 @@ def test_our_import_names_are_ours_alone():
 
 
 def test_loggers_are_named_after_their_packages():
-    for name, tree in TREES.items():
+    for name, tree in trees().items():
         calls = [n for n in ast.walk(tree) if isinstance(n, ast.Call)]
         for call in (call for call in calls if ast.unparse(call.func).endswith("getLogger")):
             logger = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else ast.unparse(call)

@@ -9,8 +9,9 @@ import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from fault_processes import Process, labanmesh
+from fault_processes import Process
 from fault_stage import SCENE, SERVICES, VIEWS, Stage
+from processes import labanmesh
 
 import labanmesh as command_line
 

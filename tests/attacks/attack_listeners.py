@@ -7,8 +7,9 @@ from contextlib import ExitStack, suppress
 from datetime import datetime
 
 import httpx
-from fault_processes import Process, labanmesh
+from fault_processes import Process
 from mqtt_stage import Broker, Listener, mosquitto
+from processes import labanmesh
 
 SOON_S = 20.0
 MS = 1_000_000

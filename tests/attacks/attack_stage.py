@@ -16,10 +16,11 @@ from attack_history import History
 from attack_judges import Judges
 from attack_person import VIEWS
 from attack_session import Attacker, Witness
-from fault_processes import Process, labanmesh
+from fault_processes import Process
 from fault_stage import START
-from mesh_stage import SOON_S, Mesh, until
+from mesh_stage import Mesh
 from mqtt_stage import Broker, mosquitto
+from processes import SOON_S, labanmesh, until
 
 from benchmarks.timing import free_port
 from common import SECOND_NS

@@ -5,18 +5,9 @@ In the short form the same attacks meet services in this process. LABANMESH_ATTA
 
 import os
 import random
-import sys
 from pathlib import Path
 
 import pytest
-
-# The suite's own modules, and those of the suites whose stages it uses.
-sys.path.append(str(Path(__file__).parent))
-sys.path.append(str(Path(__file__).parents[1] / "faults"))
-sys.path.append(str(Path(__file__).parents[1] / "integration"))
-sys.path.append(str(Path(__file__).parents[1] / "hub"))
-sys.path.append(str(Path(__file__).parents[1] / "hub" / "mqtt"))
-
 from attack_history import SEED, History
 from attack_person import meet, scripted
 from attack_stage import ASK_CLOCKS_S, Dojo, Village

@@ -10,7 +10,8 @@ import time
 
 import httpx
 import pytest
-from fault_processes import Process, labanmesh
+from fault_processes import Process
+from processes import labanmesh
 from test_floods import MOST_KB, Sizes
 
 from common import SECOND_NS

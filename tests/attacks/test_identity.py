@@ -4,7 +4,7 @@ import time
 
 import pytest
 from attack_stage import ASK_CLOCKS_S, JUDGES
-from mesh_stage import until
+from processes import until
 
 from common import SECOND_NS
 from common.messages import StatusMessage, VocabularyMessage

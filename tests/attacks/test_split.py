@@ -7,9 +7,10 @@ from contextlib import ExitStack
 import pytest
 from attack_listeners import listeners
 from attack_storm import aftermath
-from fault_processes import Process, labanmesh
+from fault_processes import Process
 from fault_slow_line import SlowLine
 from fault_stage import SCENE, SECOND_NS, SERVICES, SETTLE_S, Replay, Stage, all_count
+from processes import labanmesh
 
 from benchmarks.timing import free_port
 from deploy.security.routing import plain_rules

@@ -4,10 +4,10 @@ import time
 
 import pytest
 from attack_storm import aftermath, settle
-from fault_processes import Process, labanmesh
+from fault_processes import Process
 from fault_slow_line import SlowLine
 from fault_stage import SECOND_NS, SETTLE_S, VIEWS, Replay, Stage, all_count, counted
-from mesh_stage import until
+from processes import labanmesh, until
 from test_split import far_router
 
 from benchmarks.timing import free_port

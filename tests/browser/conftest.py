@@ -1,15 +1,11 @@
 """A real browser before a real dashboard process, which shows a scene that the test plays on a real mesh."""
 
 import shutil
-import sys
 import time
-from pathlib import Path
 
 import pytest
-
-sys.path += [str(Path(__file__).parents[1] / "hub"), str(Path(__file__).parent)]
-
-from played_scene import SOON_S, VOCABULARY, Dashboard, PlayedScene
+from played_scene import VOCABULARY, Dashboard, PlayedScene
+from processes import SOON_S
 
 from common.capture_file import CaptureRecord, CaptureWriter
 from common.config import read_scene

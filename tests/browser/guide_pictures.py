@@ -17,9 +17,10 @@ from playwright.sync_api import sync_playwright
 
 # The person in the pictures is synthetic: recordings belong to others.
 os.environ.pop("LABANMESH_DATA", None)
-sys.path += [str(Path(__file__).parents[2]), str(Path(__file__).parents[1] / "hub"), str(Path(__file__).parent)]
+sys.path += [str(Path(__file__).parents[n] / folder) for n, folder in ((2, ""), (1, "shared"), (1, "hub"), (0, ""))]
 
-from played_scene import ROOT, Dashboard, environment, labanmesh
+from played_scene import ROOT, Dashboard, environment
+from processes import labanmesh
 from teach_stage import TaughtScene
 
 from common.progress import ProgressBar

@@ -8,17 +8,14 @@ import json
 import os
 import re
 import subprocess
-import sys
 import threading
 import time
 from pathlib import Path
 
 import httpx
 import numpy as np
-
-sys.path.append(str(Path(__file__).parents[1] / "hub"))
-
-from played_scene import ROOT, SOON_S, environment, labanmesh, until
+from played_scene import ROOT, environment
+from processes import SOON_S, labanmesh, until
 
 from benchmarks.timing import free_port
 from common.config import MeshConfig

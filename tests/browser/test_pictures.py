@@ -12,7 +12,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from played_scene import ROOT, SOON_S, environment
+from played_scene import ROOT, environment
+from processes import SOON_S
 
 OBSERVER = """
 import sys, threading

@@ -6,7 +6,8 @@ from pathlib import Path
 import httpx
 import pytest
 from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL
-from teach_stage import SOON_S, TaughtScene, until
+from processes import SOON_S, until
+from teach_stage import TaughtScene
 
 LEARN_S = 120.0
 WIDTH, HEIGHT = 390, 844

@@ -1,10 +1,10 @@
 """The contract of every tracker in the registry."""
 
 import importlib.util
-import sys
 from pathlib import Path
 
 import numpy as np
+import onnx_stage
 import pytest
 
 from common.config import ObserverConfig
@@ -15,10 +15,6 @@ from observer.motion.playback import RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.registry import TRACKERS, TrackerSettings, tracker_named
 from observer.tracks import BODY_PARTS, Frame, State
-
-sys.path.append(str(Path(__file__).parents[1] / "observer"))
-
-import onnx_stage
 
 DOOR = parse_view("door")
 RATE = 20.0

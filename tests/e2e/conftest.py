@@ -1,12 +1,6 @@
 """A folder with recorded motion and models, which end-to-end tests share."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
 from e2e_stage import MOVEMENTS, PERFORMED, VIEWS
 
 from common.config import MeshConfig

@@ -2,9 +2,10 @@
 
 import socket
 import subprocess
-import sys
 import threading
 from contextlib import contextmanager
+
+from processes import labanmesh
 
 from common.wire import decode
 
@@ -12,11 +13,6 @@ MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
 PERFORMED = ("byebye", "nthrow")
 VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}
 SOON_S = 60.0
-
-
-def labanmesh(*words):
-    """The words of a command as a process is started with."""
-    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 def run(folder, *words, timeout_s=SOON_S):

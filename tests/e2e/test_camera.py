@@ -4,7 +4,8 @@ import threading
 
 import cv2
 import pytest
-from e2e_stage import MOVEMENTS, SOON_S, labanmesh, run, started, write_scene
+from e2e_stage import MOVEMENTS, SOON_S, run, started, write_scene
+from processes import labanmesh
 
 from common.messages import Agreement, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
 from common.picture_message import PictureMessage

@@ -7,7 +7,7 @@ import time
 
 import pytest
 from e2e_stage import SOON_S, free_endpoint, played, started, write_scene
-from e2e_stage import labanmesh as command
+from processes import labanmesh as command
 
 import labanmesh
 from common.capture_file import CaptureFile

@@ -5,7 +5,8 @@ import socket
 import time
 
 import pytest
-from e2e_stage import SOON_S, free_endpoint, labanmesh, played, run, started, write_scene
+from e2e_stage import SOON_S, free_endpoint, played, run, started, write_scene
+from processes import labanmesh
 
 from common.config import MeshConfig, read_scene
 from common.link import Link

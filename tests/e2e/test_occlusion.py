@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from e2e_stage import PERFORMED, free_endpoint, labanmesh, played, started, write_scene
+from e2e_stage import PERFORMED, free_endpoint, played, started, write_scene
+from processes import labanmesh
 
 from common import SECOND_NS
 from common.config import MeshConfig

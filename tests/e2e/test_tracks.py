@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from e2e_stage import MOVEMENTS, SOON_S, labanmesh, messages, started, write_scene
+from e2e_stage import MOVEMENTS, SOON_S, messages, started, write_scene
+from processes import labanmesh
 
 from common.messages import PosteriorMessage
 from observer.geometry.projection import project

@@ -5,7 +5,8 @@ import signal
 from pathlib import Path
 
 import pytest
-from e2e_stage import MOVEMENTS, PERFORMED, SOON_S, VIEWS, free_endpoint, labanmesh, played, run, started, write_scene
+from e2e_stage import MOVEMENTS, PERFORMED, SOON_S, VIEWS, free_endpoint, played, run, started, write_scene
+from processes import labanmesh
 
 from common.config import read_scene
 from common.link import Link

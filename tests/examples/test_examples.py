@@ -11,9 +11,6 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parents[1] / "integration"))
-
 from mesh_stage import Mesh, posterior
 
 from common.config import read_scene

@@ -6,17 +6,12 @@ LABANMESH_FAULTS=long is the long form (`make faults`): a hundred kills instead 
 import os
 import shutil
 import subprocess
-import sys
-from pathlib import Path
-
-import pytest
-
-# The suite's own modules, and this repository's before an installed one, for the processes that are started too.
-sys.path.append(str(Path(__file__).parent))
 
 import fault_hosts
-from fault_processes import Process, labanmesh
+import pytest
+from fault_processes import Process
 from fault_stage import SERVICES, Replay, Stage
+from processes import labanmesh
 
 DISK_KB = 96
 """A scene of three observers fills it in about a second with a capture."""

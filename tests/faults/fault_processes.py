@@ -4,19 +4,14 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 from pathlib import Path
 
+from processes import SOON_S
+
 ROOT = Path(__file__).parents[2]
-SOON_S = 20.0
 # A process ends with the test process, also when that is killed.
 BOUND = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
-
-
-def labanmesh(*words):
-    """The command line of one verb."""
-    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 class Process:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from fault_processes import SOON_S, Process, labanmesh
+from fault_processes import Process
+from processes import SOON_S, labanmesh
 
 from benchmarks.timing import free_port
 from common import SECOND_NS

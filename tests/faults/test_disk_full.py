@@ -1,7 +1,8 @@
 """The disk fills while a scene is captured: one line says so, what was written stays readable, the scene goes on."""
 
-from fault_processes import SOON_S, Process, labanmesh
+from fault_processes import Process
 from fault_stage import SECOND_NS, Stage, all_count
+from processes import SOON_S, labanmesh
 
 from common.capture_file import CaptureFile
 

@@ -6,13 +6,13 @@ import re
 import shutil
 import socket
 import subprocess
-import time
 
 import numpy as np
 import pytest
 from fault_film import RATE_HZ, REST, film, pointing, seen, waving, waving_left, write
 from fault_hosts import RIGHT
-from fault_processes import Process, labanmesh
+from fault_processes import Process
+from processes import labanmesh, until
 
 from common import SECOND_NS
 from common.capture_file import CaptureFile
@@ -62,14 +62,6 @@ def home(tmp_path, hosts):
     yield processes, tmp_path
     for each in processes.values():
         each.kill()
-
-
-def until(condition):
-    """The capture is written ten times a second."""
-    end_s = time.monotonic() + 10
-    while not condition():
-        assert time.monotonic() < end_s
-        time.sleep(0.2)
 
 
 def run(*words):

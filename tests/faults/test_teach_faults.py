@@ -5,8 +5,9 @@ import sys
 
 import pytest
 from fault_film import film
-from fault_processes import Process, labanmesh
+from fault_processes import Process
 from fault_stage import HERE
+from processes import labanmesh
 
 from benchmarks.timing import free_port
 from observer.model.model_file import read_model

@@ -1,13 +1,8 @@
 """What a service that is killed between two puts has told the world, and its own file."""
 
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-sys.path.append(str(Path(__file__).parent / "engine"))
-
 from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 
 from common.keys import SceneKeys

@@ -1,13 +1,8 @@
 """The clock of the fusion machine is set within a movement: no verdict is lost, doubled or turned."""
 
-import sys
 from itertools import chain
-from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parent / "engine"))
-
 from engine_stage import LABELS, UNIFORM, EngineDriver, message, sure
 
 from common import SECOND_NS

@@ -2,16 +2,12 @@
 
 import os
 import re
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("home", "hub", "hub/mqtt")]
-
 from home_assistant import HomeAssistant
 from mqtt_stage import Broker, Hub, mosquitto
-from played_scene import ROOT, SOON_S, PlayedScene, hub_section
+from played_scene import ROOT, PlayedScene, hub_section
+from processes import SOON_S
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-from played_scene import SOON_S, until
+from processes import SOON_S, until
 
 from benchmarks.timing import free_port
 

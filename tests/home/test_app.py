@@ -7,7 +7,8 @@ import sys
 import pytest
 from app_stage import RUN, TOKEN, Supervisor, app_folders, simulated_supervisor, write_options
 from mqtt_stage import Broker, Listener, mosquitto
-from played_scene import LABELS, ROOT, SOON_S, PlayedScene, until
+from played_scene import LABELS, ROOT, PlayedScene
+from processes import SOON_S, until
 
 from common.config import MeshConfig
 from common.link import Link

@@ -5,7 +5,8 @@ import json
 
 import pytest
 from mqtt_stage import Listener
-from played_scene import LABELS, ROOT, until
+from played_scene import LABELS, ROOT
+from processes import until
 
 FOLDER = ROOT / "deploy" / "home-assistant" / "blueprints" / "automation"
 BLUEPRINTS = sorted(FOLDER.rglob("*.yaml"))

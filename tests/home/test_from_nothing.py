@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from home_assistant import HomeAssistant
 from mqtt_stage import Broker, Listener, mosquitto
-from played_scene import ROOT, environment, labanmesh, until
+from played_scene import ROOT, environment
+from processes import labanmesh, until
 
 from benchmarks.timing import free_port
 from common.config import MeshConfig

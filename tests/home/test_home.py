@@ -5,7 +5,8 @@ import time
 from itertools import permutations
 
 import pytest
-from played_scene import LABELS, until
+from played_scene import LABELS
+from processes import until
 
 ORDERS = list(permutations(("home", "broker", "hub")))
 SCENE = {"event.room_verdict", "event.room_movement_ended", "sensor.room_movement", "sensor.room_confidence",

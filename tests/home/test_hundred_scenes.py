@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 from mqtt_stage import Broker, Hub, Listener, mosquitto
-from played_scene import LABELS, PlayedScene, hub_section, until
+from played_scene import LABELS, PlayedScene, hub_section
+from processes import until
 
 from common.config import MeshConfig
 from common.link import Link

@@ -1,14 +1,9 @@
 """Messages of a small scene as a fusion service publishes them, and a link that the test fills."""
 
 import math
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
 from played_scene import REFERENCE, VOCABULARY
 
 from common import SECOND_NS

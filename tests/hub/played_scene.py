@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import zenoh
+from processes import SOON_S, labanmesh
 
 from common import SECOND_NS
 from common.config import MeshConfig
@@ -21,7 +22,6 @@ from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 
 ROOT = Path(__file__).parents[2]
-SOON_S = 20.0
 LABELS = ("byebye", "maestro", "ok", "nthrow")
 VOCABULARY = Vocabulary(LABELS)
 REFERENCE = VocabularyReference(name="movements", hash=VOCABULARY.digest)
@@ -44,24 +44,9 @@ with Link.open(MeshConfig(endpoint=endpoint), "observer") as link:
 """
 
 
-def labanmesh(*words):
-    """The words of a command as a process is started with."""
-    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
-
-
 def environment(**more):
     """The process's own environment, with this repository before an installed one."""
     return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", **more}
-
-
-def until(condition, description, timeout_s=SOON_S):
-    """Poll `condition()` until it is true; returns its value."""
-    pause, end_s = threading.Event(), time.monotonic() + timeout_s
-    while not (value := condition()):
-        text = description() if callable(description) else description
-        assert time.monotonic() < end_s, f"not within {timeout_s} s: {text}"
-        pause.wait(0.02)
-    return value
 
 
 class PlayedScene:

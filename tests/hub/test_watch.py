@@ -9,8 +9,8 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from played_scene import SOON_S
-from played_scene import labanmesh as command
+from processes import SOON_S
+from processes import labanmesh as command
 from rich.console import Console
 
 import labanmesh

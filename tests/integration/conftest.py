@@ -1,13 +1,7 @@
 """Fixtures of tests with real Zenoh peers; what they are made of is in mesh_stage.py."""
 
-import sys
-from pathlib import Path
-
-import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
 import mesh_stage
+import pytest
 
 
 @pytest.fixture

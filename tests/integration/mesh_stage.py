@@ -1,12 +1,12 @@
 """What tests with real Zenoh peers share: links, services in threads, observers that need no camera, waiting."""
 
-import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import zenoh
+from processes import SOON_S
 
 from common.link import Link
 from common.messages import PosteriorMessage, VocabularyReference
@@ -14,7 +14,6 @@ from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from observer.runtime.pipeline import Posterior
 
-SOON_S = 20.0
 NAMES = Vocabulary(("bowing", "lunging"), "karate")
 NAMED = 'vocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
@@ -33,11 +32,6 @@ class FakePipeline:
 
     def __init__(self, answer=lambda frame: frame.content, at_end=None):
         self.step, self.end = answer, lambda: at_end
-
-
-def labanmesh(*words):
-    """The words of a command as a process is started with."""
-    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 def lay_out(folder, pair, authority):
@@ -127,12 +121,3 @@ def up_to(inbox, kind, fits=lambda message: True):
 def first(inbox, kind, fits=lambda message: True):
     """The first message of `kind` that `fits`."""
     return up_to(inbox, kind, fits)[-1]
-
-
-def until(condition):
-    """Poll `condition()` until it is true; returns its value."""
-    pause, end_s = threading.Event(), time.monotonic() + SOON_S
-    while not (value := condition()):
-        assert time.monotonic() < end_s, "the condition does not hold"
-        pause.wait(0.02)
-    return value

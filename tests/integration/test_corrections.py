@@ -5,7 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mesh_stage import LOOPBACK, until
+from mesh_stage import LOOPBACK
+from processes import until
 
 from common import SECOND_NS
 from common.config import read_scene

@@ -1,7 +1,8 @@
 """A fusion service between real Zenoh peers: what an observer publishes, what a hub receives."""
 
 import pytest
-from mesh_stage import LOOPBACK, NAMED, NAMES, SOON_S, collect, deliver, posterior
+from mesh_stage import LOOPBACK, NAMED, NAMES, collect, deliver, posterior
+from processes import SOON_S
 
 from common.config import read_scene
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage

@@ -8,7 +8,8 @@ import sys
 import threading
 
 import pytest
-from mesh_stage import SOON_S, Mesh, until
+from mesh_stage import Mesh
+from processes import SOON_S, until
 
 from common.config import MeshConfig
 from common.errors import LabanmeshError

@@ -9,7 +9,8 @@ import urllib.request
 from itertools import count
 
 import pytest
-from mesh_stage import NAMED, SOON_S, FakePipeline, Mesh, believed, running, until
+from mesh_stage import NAMED, FakePipeline, Mesh, believed, running
+from processes import SOON_S, until
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as plain
 

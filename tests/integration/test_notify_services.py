@@ -8,7 +8,8 @@ from pathlib import Path
 from queue import Queue
 
 import pytest
-from mesh_stage import NAMED, SOON_S, FakePipeline, Mesh, believed, labanmesh, running
+from mesh_stage import NAMED, FakePipeline, Mesh, believed, running
+from processes import SOON_S, labanmesh
 
 from common.config import MeshConfig, read_scene
 from common.errors import BadInput

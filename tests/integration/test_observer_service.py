@@ -3,7 +3,8 @@
 import threading
 
 import pytest
-from mesh_stage import LOOPBACK, NAMES, REFERENCE, SOON_S, FakePipeline, believed, collect, first, until
+from mesh_stage import LOOPBACK, NAMES, REFERENCE, FakePipeline, believed, collect, first
+from processes import SOON_S, until
 
 from common.config import read_scene
 from common.errors import BadInput

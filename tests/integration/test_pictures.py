@@ -5,7 +5,8 @@ import time
 import cv2
 import numpy as np
 import pytest
-from mesh_stage import LOOPBACK, SOON_S, FakePipeline, believed
+from mesh_stage import LOOPBACK, FakePipeline, believed
+from processes import SOON_S
 
 from common.config import read_scene
 from common.picture_message import PictureMessage

@@ -12,7 +12,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from mesh_stage import SOON_S, FakePipeline, believed, first, lay_out, running, until
+from mesh_stage import FakePipeline, believed, first, lay_out, running
+from processes import SOON_S, until
 
 from common.config import MeshConfig, read_scene
 from common.errors import LabanmeshError

@@ -9,7 +9,8 @@ import threading
 from functools import partial
 
 import pytest
-from mesh_stage import SOON_S, labanmesh, running, until
+from mesh_stage import running
+from processes import SOON_S, labanmesh, until
 
 from benchmarks.timing import free_port
 from common.config import read_scene

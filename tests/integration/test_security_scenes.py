@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
-from mesh_stage import collect, labanmesh, posterior, running
+from mesh_stage import collect, posterior, running
+from processes import labanmesh
 
 from common.config import read_scene
 from common.errors import LabanmeshError

@@ -1,14 +1,10 @@
 """Many scenes shared by several fusion services, between real Zenoh peers: taking, handing over, dying."""
 
-import sys
 import time
-from pathlib import Path
 
 import pytest
-from mesh_stage import SOON_S, Mesh
-
-# The benchmarks are no part of what is installed.
-sys.path.append(str(Path(__file__).parents[2]))
+from mesh_stage import Mesh
+from processes import SOON_S
 
 from benchmarks.crowd.crowd import NAMES, OBSERVERS, Crowd, scene_name
 from benchmarks.crowd.trial import CrowdPlan, run_trial

@@ -5,7 +5,8 @@ import time
 from functools import partial
 
 import pytest
-from mesh_stage import LOOPBACK, NAMED, SOON_S, first, posterior, until, up_to
+from mesh_stage import LOOPBACK, NAMED, first, posterior, up_to
+from processes import SOON_S, until
 
 from common import SECOND_NS
 from common.config import read_scene

@@ -3,7 +3,8 @@
 from functools import partial
 
 import pytest
-from mesh_stage import LOOPBACK, posterior, until
+from mesh_stage import LOOPBACK, posterior
+from processes import until
 
 from common.config import read_scene
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage, VocabularyReference

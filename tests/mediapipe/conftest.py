@@ -2,15 +2,11 @@
 
 import csv
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "observer")]
-
 from mediapipe_stage import follow, unmirrored
 
 from benchmarks.clips.material import CAMERA

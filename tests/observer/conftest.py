@@ -1,15 +1,9 @@
 """Fixtures of the observer's tests."""
 
-import sys
-from pathlib import Path
-
 import pytest
 import typer
 
 import labanmesh
-
-# The builders that these tests share.
-sys.path.append(str(Path(__file__).parent))
 
 
 @pytest.fixture

@@ -6,7 +6,8 @@ import re
 
 import httpx
 import pytest
-from played_scene import SOON_S, Dashboard
+from played_scene import Dashboard
+from processes import SOON_S
 
 from common.address import Address
 from common.capture_file import CaptureRecord, CaptureWriter

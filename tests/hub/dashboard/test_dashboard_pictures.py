@@ -4,7 +4,7 @@ import asyncio
 
 import httpx
 import pytest
-from played_scene import SOON_S, until
+from processes import SOON_S, until
 
 from common.config import MeshConfig
 from common.keys import SceneKeys

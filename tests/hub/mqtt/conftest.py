@@ -1,12 +1,6 @@
 """A broker, a listener at it, and hubs for a played scene."""
 
-import sys
-from pathlib import Path
-
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
 from mqtt_stage import Broker, Hub, Listener, mosquitto
 from played_scene import PlayedScene, hub_section
 

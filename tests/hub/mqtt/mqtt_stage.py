@@ -12,7 +12,8 @@ import time
 from pathlib import Path
 
 import paho.mqtt.client as paho
-from played_scene import ROOT, SOON_S, environment, labanmesh, until
+from played_scene import ROOT, environment
+from processes import SOON_S, labanmesh, until
 
 from benchmarks.timing import free_port
 

@@ -8,7 +8,8 @@ from typing import get_args
 
 import pytest
 from mqtt_stage import Listener
-from played_scene import ROOT, SOON_S
+from played_scene import ROOT
+from processes import SOON_S
 
 from hub.anticipation import EarlyWord
 from hub.mqtt.entities import SceneTopic, Topics

@@ -8,7 +8,8 @@ from datetime import UTC, datetime
 
 import pytest
 from mqtt_stage import Broker, Hub, Listener, waited_s
-from played_scene import LABELS, ROOT, SOON_S, hub_section
+from played_scene import LABELS, ROOT, hub_section
+from processes import SOON_S
 
 from benchmarks.timing import free_port
 from common.config import read_scene

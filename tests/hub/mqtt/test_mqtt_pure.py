@@ -4,7 +4,7 @@ import json
 import re
 
 import pytest
-from played_scene import until
+from processes import until
 
 from common.errors import BadInput
 from common.messages import Contribution

@@ -6,7 +6,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from played_scene import until
+from processes import until
 
 from common import SECOND_NS
 from common.config import read_scene

@@ -1,12 +1,8 @@
 """A small real video, written by OpenCV."""
 
 import os
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
 
 # Before FFmpeg is first used, by whichever test that is: it reads this once.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
