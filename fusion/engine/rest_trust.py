@@ -1,21 +1,24 @@
-"""How far each observer's word on rest is trusted. Pure: time is passed in.
+"""The trust in each observer's rest probability. Pure: time is passed in.
 
-Each observer is a witness of whether the person moves or rests, and may be wrong, stuck or hostile. It loses trust if
+The design: fusion.md, "Who may say that the person rests".
+
+An observer that says rest is at least 1/2 is on the side of rest, else on the side of motion. It may be wrong, stuck or
+hostile. It loses trust if
 
 1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S);
 2. it has not changed sides while the others did; one that changes too often is no other;
 3. it is on another side than most of two or more others for much of the time. Of several others the lower median
    counts, so that one of them cannot take trust from anybody;
-4. it and the only other contradict each other for much of the time, and its own posterior speaks less for it. A
+4. it and the only other contradict each other for much of the time, and its own posterior supports it less. A
    cumulative posterior learns while the person moves: each gain g of information adds g (1 - rest) to `right` and
    g rest to `wrong`, and evidence is e = right - wrong, 0 without a gain. Trust is the Bayes factor
-   exp(EVIDENCE c (e - max e)) of its word against the other's, with c, 0 to 1, for how much they contradict.
+   exp(EVIDENCE c (e - max e)) of its side against the other's, with c, 0 to 1, for how much they contradict.
 
-If frames come late or seldom, words are compared as of the moment when the oldest of them was captured, so that their
-observer contradicts nobody by that.
+If frames come late or seldom, sides are compared as of the capture of the oldest newest frame, so that lateness alone
+contradicts nobody.
 
-If two contradict each other and none of this tells which is wrong, rest is `contested`. The mean trust in an observer
-over the time in which it saw the person is its reliability about rest, by which it is reported.
+If two contradict each other and none of this shows which is wrong, rest is `contested`. The mean trust in an observer
+over the time in which it saw the person is its reliability about rest; votes publish it as `rest_reliability`.
 """
 
 import math
@@ -73,18 +76,18 @@ class _Witness:
     compared_s: float = AGREED_S
     reliability: float = 1.0
 
-    def note(self, one: AgedPosterior, now_ns: int) -> None:
-        """Take its newest word."""
-        rests = one.rest >= 0.5
-        self.captured_ns = now_ns - round(max(one.age_s or 0.0, 0.0) * SECOND_NS)
+    def note(self, posterior: AgedPosterior, now_ns: int) -> None:
+        """Take its newest posterior."""
+        rests = posterior.rest >= 0.5
+        self.captured_ns = now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
         if rests != self.rests:
             self.rests = rests
             self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
-        gain, self.information = one.information - self.information, one.information
+        gain, self.information = posterior.information - self.information, posterior.information
         if gain > 0.0:
-            kept = math.exp(-gain / MOVEMENTS_KEPT)
-            self.right = self.right * kept + gain * (1.0 - one.rest)
-            self.wrong = self.wrong * kept + gain * one.rest
+            decay = math.exp(-gain / MOVEMENTS_KEPT)
+            self.right = self.right * decay + gain * (1.0 - posterior.rest)
+            self.wrong = self.wrong * decay + gain * posterior.rest
 
     def compare(self, others: Sequence["_Witness"], at_ns: int, seconds: float) -> None:
         """Note the side that it was on at `at_ns`, beside the others, for so long (3, 4)."""
@@ -103,7 +106,7 @@ class _Witness:
 
     @property
     def evidence(self) -> float:
-        """What its own posterior says of its word (4)."""
+        """How much its own posterior supports its side (4): nats before EVIDENCE."""
         return min(self.right - self.wrong, MOST_EVIDENCE)
 
     def changes_since(self, since_ns: int) -> int:
@@ -127,7 +130,8 @@ class _Witness:
         last_ns = self.changed_ns[-1] if self.changed_ns else None
         since_ns, until_ns = last_ns or self.met_ns, self.captured_ns
         counts = (
-            o.changes_since(since_ns) - o.changes_since(until_ns) if o.calmness(now_ns) == 1.0 else 0 for o in others
+            other.changes_since(since_ns) - other.changes_since(until_ns) if other.calmness(now_ns) == 1.0 else 0
+            for other in others
         )
         missed = sorted(counts)[(len(others) - 1) // 2]
         if last_ns is None:
@@ -137,11 +141,11 @@ class _Witness:
 
 
 class RestTrust:
-    """The trust in each observer's word on rest; `update` takes one step."""
+    """The trust in each observer's rest probability; `update` takes one step."""
 
     def __init__(self) -> None:
         self.contested = False
-        """Whether two observers contradict each other, and nothing tells which of them is wrong."""
+        """Whether two observers contradict each other, and nothing shows which of them is wrong."""
         self.reliability: Mapping[str, float] = {}
         """Mean trust in the observers lately, of those below RELIABLE."""
         self._witnesses: dict[str, _Witness] = {}
@@ -152,7 +156,7 @@ class RestTrust:
 
     def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
         """The trust in each posterior of this step, LEAST_TRUST to 1."""
-        sides = [one.rest >= 0.5 if _is_sighted(one) else None for one in posteriors]
+        sides = [posterior.rest >= 0.5 if _is_sighted(posterior) else None for posterior in posteriors]
         elapsed_ns = now_ns - self._now_ns
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
             return self._trust
@@ -162,14 +166,15 @@ class RestTrust:
         # Until now the sides were those of the last update.
         seconds = min(max(elapsed_ns / SECOND_NS, 0.0), 1.0)
         self._compare(now_ns - elapsed_ns, seconds)
-        sighted = [one for one, side in zip(posteriors, sides, strict=True) if side is not None]
-        for one in sighted:
-            if one.observer not in self._witnesses:
-                self._witnesses[one.observer] = _Witness(one.rest >= 0.5, one.information, now_ns)
-            self._witnesses[one.observer].note(one, now_ns)
-        self._sides, self._names = sides, [one.observer for one in sighted]
-        self._trust = [self._trust_in(one.observer, now_ns) for one in posteriors]
-        trust = dict(zip((one.observer for one in posteriors), self._trust, strict=True))
+        sighted = [posterior for posterior, side in zip(posteriors, sides, strict=True) if side is not None]
+        for posterior in sighted:
+            name = posterior.observer
+            if name not in self._witnesses:
+                self._witnesses[name] = _Witness(posterior.rest >= 0.5, posterior.information, now_ns)
+            self._witnesses[name].note(posterior, now_ns)
+        self._sides, self._names = sides, [posterior.observer for posterior in sighted]
+        self._trust = [self._trust_in(posterior.observer, now_ns) for posterior in posteriors]
+        trust = dict(zip((posterior.observer for posterior in posteriors), self._trust, strict=True))
         self.contested, self.reliability = self._is_contested(trust), self._reliability(trust, seconds)
         return self._trust
 
@@ -200,9 +205,9 @@ class RestTrust:
     def _is_contested(self, trust: Mapping[str, float]) -> bool:
         if len(self._names) != 2:
             return False
-        one, two = (self._witnesses[name] for name in self._names)
+        contradiction = min(self._witnesses[name].contradiction for name in self._names)
         low, high = sorted(trust[name] for name in self._names)
-        return _excess(min(one.contradiction, two.contradiction)) >= CONTESTED and low >= UNDECIDED * high
+        return _excess(contradiction) >= CONTESTED and low >= UNDECIDED * high
 
     def _reliability(self, trust: Mapping[str, float], seconds: float) -> dict[str, float]:
         share = 1.0 - math.exp(-seconds / RELIABILITY_S)

@@ -72,6 +72,15 @@ def test_rule_3_copies_late_and_unused_messages_say_nothing_about_a_clock():
     for unused in (message(NOW, NOW, 1), message(NOW, NOW, 0), message(NOW, NOW + HOUR, 7), message(0, 0, 8)):
         clocks.captured_ns("cam", unused, NOW + 5 * MS)
     assert clocks.captured_ns("cam", message(NOW - 8 * MS, NOW + 2 * MS, 2), NOW + 5 * MS) == NOW - 8 * MS
+    # A copy that is sent again much later is as old as it says.
+    assert clocks.captured_ns("cam", message(NOW - 9 * MS, NOW + MS, 1), NOW + HOUR) == NOW - 9 * MS
+
+
+def test_rule_3_a_clock_that_stood_still_is_doubted_after_it_runs_again():
+    clocks = clocks_with(reading(0))
+    for seq in (0, 1):
+        use(clocks, message(NOW - 10 * MS, NOW, seq), NOW + seq * SECOND_NS)
+    assert use(clocks, message(NOW - 9 * MS, NOW + MS, 2), NOW + 2 * SECOND_NS) == NOW + 2 * SECOND_NS - 10 * MS
 
 
 @pytest.mark.parametrize(
