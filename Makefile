@@ -11,8 +11,8 @@ TRANSPORTS := .venv-transports
 # Where it is set, as in many containers, each of the hundreds of processes of a test run compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
-without_windows = $(1)/bin/python -c 'import cv2' 2>/dev/null || $(1)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(1)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+# An environment with labanmesh in it: says how far it is, and what to do if it fails.
+environment = $(PYTHON) deploy/make_environment.py --target '$(or $(MAKECMDGOALS),$@)'
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-mediapipe test-browser guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
@@ -97,25 +97,17 @@ clean:           ## remove all environments and everything built
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@echo "setting up $(VENV) (once, about a minute) ..."
-	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,dev]'
+	@$(environment) $(VENV) '.[all,dev]' --packages 70
 	@touch $@
 
 $(MEDIAPIPE)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("mediapipe 0.10.21 has wheels for Python 3.11 and 3.12 only, this is " + sys.version.split()[0] + ": make test-mediapipe PYTHON=python3.11") if not (3, 11) <= sys.version_info < (3, 13) else None'
-	@echo "setting up $(MEDIAPIPE) (once, about two minutes) ..."
-	@$(PYTHON) -m venv $(MEDIAPIPE)
-	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dev]'
-	@$(call without_windows,$(MEDIAPIPE))
+	@$(environment) $(MEDIAPIPE) '.[mediapipe,dev]' --packages 80 --no-windows
 	@touch $@
 
 $(CAMERAS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@echo "setting up $(CAMERAS) (once, about two minutes) ..."
-	@$(PYTHON) -m venv $(CAMERAS)
-	@$(CAMERAS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dashboard,mqtt]'
-	@$(call without_windows,$(CAMERAS))
+	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt]' --packages 55 --no-windows
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
@@ -125,14 +117,10 @@ $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
 
 $(PEERS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@echo "setting up $(PEERS) (once, about a minute) ..."
-	@$(PYTHON) -m venv $(PEERS)
-	@$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[peers,dev]'
+	@$(environment) $(PEERS) '.[peers,dev]' --packages 80
 	@touch $@
 
 $(TRANSPORTS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@echo "setting up $(TRANSPORTS) (once, about a minute) ..."
-	@$(PYTHON) -m venv $(TRANSPORTS)
-	@$(TRANSPORTS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[transports,all,dev]'
+	@$(environment) $(TRANSPORTS) '.[transports,all,dev]' --packages 85
 	@touch $@
