@@ -1,7 +1,10 @@
 #!/bin/sh
 # Acts when a movement is decided: examples/mqtt.sh [HOST [PORT]], the broker of `labanmesh hub mqtt`.
 # Needs mosquitto_sub and jq (Debian: mosquitto-clients, jq).
-mosquitto_sub -h "${1:-127.0.0.1}" -p "${2:-1883}" -t 'labanmesh/+/verdict' |
+usage="usage: examples/mqtt.sh [HOST [PORT]], e.g. examples/mqtt.sh 127.0.0.1 1883"
+case ${1:-} in -*) echo "$usage" >&2 && exit 2 ;; esac
+{ command -v mosquitto_sub && command -v jq; } >/dev/null || { echo "mqtt.sh: install mosquitto-clients and jq" >&2 && exit 1; }
+{ mosquitto_sub -h "${1:-127.0.0.1}" -p "${2:-1883}" -t 'labanmesh/+/verdict' || echo "$usage" >&2; } |
     jq --unbuffered -r 'select(.stage == "decided") | "\(.event_type) \(.confidence) \(.agreement)"' |
     while read -r movement confidence agreement; do
         case $movement in

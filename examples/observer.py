@@ -5,6 +5,7 @@ It stands in for an audio classifier: each line of the standard input is a loudn
 a wristband, a radar, a glove: anything that knows how likely its observation is under each movement.
 """
 
+import contextlib
 import hashlib
 import json
 import math
@@ -18,11 +19,12 @@ import zenoh
 SCENE, ID, LABELS = "dojo", "ear", ["lunging", "byebye"]
 SHOUTS_DB, SPREAD_DB, SILENCE_DB = [-5.0, -20.0], 15.0, -30.0
 HASH = hashlib.sha256("".join(f"{label}\n" for label in LABELS).encode()).hexdigest()[:16]
-mode = sys.argv[2] if len(sys.argv) > 2 else "peer"  # "client" if the scene's mesh.mode is "router"
-settings = {"connect": {"endpoints": [sys.argv[1]]}, "listen": {"endpoints": {"peer": ["tcp/127.0.0.1:0"]}}}
-config = zenoh.Config.from_json5(json.dumps({"mode": mode, **settings, "scouting": {"multicast": {"enabled": False}}}))
+endpoint, *mode = sys.argv[1:] or sys.exit("usage: observer.py ENDPOINT [client] <LEVELS, e.g. tcp/127.0.0.1:7447 <levels")
+# mode: "client" if the scene's mesh.mode is "router"
+endpoints = {"connect": {"endpoints": [endpoint]}, "listen": {"endpoints": {"peer": ["tcp/127.0.0.1:0"]}}}
+settings = {"mode": mode[0] if mode else "peer", **endpoints, "scouting": {"multicast": {"enabled": False}}}
 evidence = [0.0, 0.0]
-with zenoh.open(config) as session:
+with contextlib.suppress(KeyboardInterrupt), zenoh.open(zenoh.Config.from_json5(json.dumps(settings))) as session:
     alive = session.liveliness().declare_token(f"laban/{SCENE}/observer/{ID}/alive")
     publisher = session.declare_publisher(f"laban/{SCENE}/observer/{ID}/posterior", encoding="application/msgpack")
     fixed = {"v": 1, "scene": SCENE, "observer": ID, "session": secrets.token_hex(8)}

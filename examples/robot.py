@@ -6,8 +6,9 @@ verdict; if the verdict differs, it takes the action back. Needs eclipse-zenoh a
 The threshold trades speed against errors: a lamp may be hasty, an arm should wait for the verdict.
 """
 
+import argparse
 import json
-import sys
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import msgpack
@@ -71,4 +72,10 @@ def main(endpoint: str, threshold: float, mode: str = "peer") -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]), *sys.argv[3:])
+    usage = "python robot.py ENDPOINT THRESHOLD [client], e.g. python robot.py tcp/127.0.0.1:7447 0.9"
+    parser = argparse.ArgumentParser(usage=usage)
+    parser.add_argument("endpoint")
+    parser.add_argument("threshold", type=float)
+    parser.add_argument("mode", nargs="?", choices=("peer", "client"), default="peer")
+    with suppress(KeyboardInterrupt):
+        main(**vars(parser.parse_args()))

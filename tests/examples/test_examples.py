@@ -2,6 +2,7 @@
 
 import ast
 import json
+import os
 import runpy
 import subprocess
 import sys
@@ -151,6 +152,22 @@ def test_a_robot_forgets_movements_that_have_ended():
     assert robot.acting == {}
     robot.handle_judgement({**message, "label": "byebye", "p": [0.2, 0.8]})
     assert robot.acting == {}, "below its threshold"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [*((name, ()) for name in (*PROGRAMS, "early.py")), ("robot.py", ("tcp/127.0.0.1:7447", "soon"))]
+)
+def test_without_the_right_arguments_the_usage_with_an_example_is_shown(name, words):
+    # A terminal as standard input: nothing is piped in.
+    keyboard, terminal = os.openpty()
+    try:
+        command = [sys.executable, str(EXAMPLES / name), *words]
+        ended = subprocess.run(command, stdin=terminal, capture_output=True, text=True, timeout=SOON_S, check=False)
+    finally:
+        os.close(keyboard)
+        os.close(terminal)
+    lines = ended.stderr.splitlines()
+    assert ended.returncode and lines[0].startswith("usage: ") and "e.g. " in lines[0] and len(lines) <= 2, lines
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
