@@ -19,7 +19,7 @@ import zenoh
 SCENE, ID, LABELS = "dojo", "ear", ["lunging", "byebye"]
 SHOUTS_DB, SPREAD_DB, SILENCE_DB = [-5.0, -20.0], 15.0, -30.0
 HASH = hashlib.sha256("".join(f"{label}\n" for label in LABELS).encode()).hexdigest()[:16]
-endpoint, *mode = sys.argv[1:] or sys.exit("usage: observer.py ENDPOINT [client] <LEVELS, e.g. tcp/127.0.0.1:7447 <levels")
+endpoint, *mode = sys.argv[1:] or sys.exit("usage: observer.py ENDPOINT [client], e.g. tcp/127.0.0.1:7447 < levels")
 # mode: "client" if the scene's mesh.mode is "router"
 endpoints = {"connect": {"endpoints": [endpoint]}, "listen": {"endpoints": {"peer": ["tcp/127.0.0.1:0"]}}}
 settings = {"mode": mode[0] if mode else "peer", **endpoints, "scouting": {"multicast": {"enabled": False}}}

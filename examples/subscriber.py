@@ -7,7 +7,7 @@ import sys
 import msgpack
 import zenoh
 
-endpoint, *mode = sys.argv[1:] or sys.exit("usage: subscriber.py ENDPOINT [client], e.g. subscriber.py tcp/127.0.0.1:7447")
+endpoint, *mode = sys.argv[1:] or sys.exit("usage: subscriber.py ENDPOINT [client], e.g. tcp/127.0.0.1:7447")
 # mode: "client" if the scene's mesh.mode is "router"
 endpoints = {"connect": {"endpoints": [endpoint]}, "listen": {"endpoints": {"peer": ["tcp/127.0.0.1:0"]}}}
 settings = {"mode": mode[0] if mode else "peer", **endpoints, "scouting": {"multicast": {"enabled": False}}}
