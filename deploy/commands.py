@@ -5,6 +5,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -60,7 +61,11 @@ def up(
     started = jobs(scene, config)
     require_free_ports(config, len(started))
     start_ns = time.time_ns() + round(playback_delay_s(config) * 1e9)
-    with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as folder:
+    with (
+        stop_on_signals() as stop,
+        _set_after(for_s, stop),
+        tempfile.TemporaryDirectory(prefix="labanmesh-") as folder,
+    ):
         meeting = open_meeting(Path(folder), config)
         launcher = Launcher(
             with_ports(started, config.metrics.listen),
@@ -72,15 +77,23 @@ def up(
             policy=RestartPolicy(failures=FAILURES_WITH_AN_END if exit_when_done else None),
             ended=lambda name: (meeting / f"{name}.awaited").unlink(missing_ok=True),
         )
-        timer = threading.Timer(for_s or 0, stop.set)
-        timer.daemon = True
-        if for_s is not None:
-            timer.start()
         status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)
-        timer.cancel()
     if status:
         raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
     return 0
+
+
+@contextmanager
+def _set_after(seconds: float | None, stop: threading.Event) -> Iterator[None]:
+    """Set `stop` when the block has run for so long; None: never."""
+    timer = threading.Timer(seconds or 0, stop.set)
+    timer.daemon = True
+    if seconds is not None:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def playback_delay_s(scene: Scene) -> float:

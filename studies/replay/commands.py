@@ -58,14 +58,14 @@ def replay(
     from studies.replay.playback import PlaybackOptions
 
     change = ReplayChange(tuple(without or ()), rule, quorum, threshold)
-    posteriors_only = one_of("--only", only, ("all", "posteriors")) == "posteriors"
+    options = PlaybackOptions(speed, one_of("--only", only, ("all", "posteriors")) == "posteriors", as_recorded)
     if onto is None:
-        if (speed, posteriors_only, as_recorded) != (1.0, False, False):
+        if options != PlaybackOptions():
             raise BadInput("--speed, --only, --as-recorded: only for playing back; add --onto SCENE")
         raise typer.Exit(0 if _judge(CaptureFile(capture), change, source, json) else 1)
     if change.any or json or source:
         raise BadInput("--onto SCENE plays a capture unchanged; omit --without, --rule, --quorum, --from and --json")
-    _play(CaptureFile(capture), onto, PlaybackOptions(speed, posteriors_only, as_recorded))
+    _play(CaptureFile(capture), onto, options)
 
 
 def _judge(capture: "CaptureFile", change: "ReplayChange", source: str | None, json: bool) -> bool:
