@@ -1,5 +1,8 @@
 """Complete messages for the tests of common; a test names only the fields that it is about."""
 
+import pytest
+from hypothesis import strategies as st
+
 from common.messages import (
     Agreement,
     JudgementMessage,
@@ -10,6 +13,7 @@ from common.messages import (
     Vote,
 )
 from common.vocabulary import Vocabulary
+from common.wire import BadMessage, decode
 
 NAMES = Vocabulary(("bow", "lunge"), "karate")
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
@@ -18,6 +22,7 @@ FIELDS = {
     "vocabulary": {"name": "m", "hash": "h"}, "p": [0.25, 0.75], "frames": 3,
 }  # fmt: skip
 """The fields that a posterior must have."""
+DISTRIBUTIONS = st.lists(st.floats(0.01, 1), min_size=2, max_size=20).map(lambda mass: [m / sum(mass) for m in mass])
 
 
 def posterior(**fields):
@@ -42,3 +47,11 @@ def verdict(**fields):
 
 def status(**fields):
     return StatusMessage(**{"scene": "dojo", "id": "cam1", "state": "running", **fields})
+
+
+def reason_of(kind, payload):
+    """Why `payload` is no message of this kind; the error is one short line."""
+    with pytest.raises(BadMessage) as caught:
+        decode(kind, payload)
+    assert str(caught.value).isprintable() and len(caught.value.detail) <= 200
+    return caught.value.reason

@@ -8,20 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from message_stage import FIELDS, NAMES, judgement, posterior, status, verdict, vote
+from message_stage import DISTRIBUTIONS, FIELDS, NAMES, judgement, posterior, reason_of, status, verdict, vote
 from pydantic import ValidationError
 
-from common import wire
-from common.config import ObserverConfig, Scene
-from common.errors import BadInput, LabanmeshError
-from common.message_types import p_of_roots
 from common.messages import (
     WHY_LIMIT,
     Agreement,
-    Contribution,
-    Facing,
     JudgementMessage,
-    ObserverStatistics,
     OngoingMovement,
     PosteriorMessage,
     ProcessState,
@@ -32,10 +25,8 @@ from common.messages import (
     VoteState,
 )
 from common.picture_message import PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
-from common.probability import roots_of
 from common.vocabulary import ABSTAIN
 from common.wire import (
-    OPTIONAL_DETAIL,
     SIZE_LIMIT,
     BadMessage,
     check_vocabulary,
@@ -48,7 +39,6 @@ from common.wire import (
 IDS = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=64)
 COUNTS = st.integers(0, 2**63 - 1)
 WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
-DISTRIBUTIONS = st.lists(st.floats(0.01, 1), min_size=2, max_size=20).map(lambda mass: [m / sum(mass) for m in mass])
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 PROBABILITIES, BITS = st.floats(0, 1), st.floats(0, 20)
 POSTERIORS = st.builds(
@@ -80,13 +70,6 @@ PICTURES = st.builds(
     jpeg=st.binary(min_size=2, max_size=300) | st.just(bytes(PICTURE_BYTES)),
 )  # fmt: skip
 KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage, PictureMessage)
-
-
-def reason_of(kind, payload):
-    with pytest.raises(BadMessage) as caught:
-        decode(kind, payload)
-    assert str(caught.value).isprintable() and len(caught.value.detail) <= 200
-    return caught.value.reason
 
 
 def changed(**fields):
@@ -294,118 +277,9 @@ def test_the_hash_of_a_vocabulary_must_fit_its_labels():
         assert reason_of(VocabularyMessage, msgpack.packb({**whole, **fields})) == "malformed"
 
 
-def detail_left_out(fields):
-    """Which optional detail is missing in a judgement of which each vote has all of it."""
-    first = next(iter(fields["votes"].values()))
-    return [d for d in OPTIONAL_DETAIL if (first.get(d[1]) is None if len(d) == 2 else d[0] not in fields)]
-
-
-def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fits():
-    others, facets = {f"cam{n}": 0.5 for n in range(20)}, {"own": [0.5, 0.5]}
-    entry = vote(
-        p=[0.01] * 100, facing=Facing(surprise=[[9] * 12] * 100), facets=facets, doubles=others, rest_reliability=0.5
-    )
-    contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
-    elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("observers",)
-    detail = [d for d in OPTIONAL_DETAIL if d not in elsewhere]
-    steps = set()
-    for size in range(1000, 6900, 25):
-        message = verdict(
-            p=[1 / size] * size, facets=facets, contributions=contributions, votes=dict.fromkeys(others, entry)
-        )
-        payload = encode(message)
-        missing = [d for d in detail_left_out(msgpack.unpackb(payload)) if d in detail]
-        assert len(payload) <= SIZE_LIMIT and missing == detail[: len(missing)]
-        assert decode(VerdictMessage, payload).p == message.p
-        steps.add(len(missing))
-    assert 0 in steps and {1, 2, 3} & steps and max(steps) >= 4
-
-
-def test_a_posterior_and_a_status_that_are_too_long_lose_optional_detail():
-    size = 3000
-    facing = Facing(surprise=[[200] * 12] * size)
-    long = posterior(p=[1 / size] * size, facing=facing, facets={"own": [0.5, 0.5]})
-    decoded = decode(PosteriorMessage, encode(long))
-    assert decoded.facing is None and decoded.facets == long.facets and decoded.p == pytest.approx(long.p, rel=1e-7)
-    observers = {f"cam{n}": ObserverStatistics(rejected={"malformed": n}) for n in range(3000)}
-    assert decode(StatusMessage, encode(status(observers=observers))) == status()
-
-
-def test_a_message_that_cannot_fit_is_an_error_and_not_sent():
-    with pytest.raises(LabanmeshError, match=r"VerdictMessage: .* bytes without optional detail"):
-        encode(verdict(p=[0.0001] * 9000))
-
-
-def scene_of(observers, labels):
-    sections = {f"observer{n}": ObserverConfig(source="0") for n in range(observers)}
-    return Scene(scene="dojo", vocabulary=tuple(f"movement_{n:05}" for n in range(labels)), observers=sections)
-
-
-@pytest.mark.parametrize(
-    ("observers", "labels", "fault"),
-    [(4, 20, None), (200, 1000, None), (600, 20, "600 observers and 20 movements"), (1, 4400, "4400 movements take")],
-)
-def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
-    scene = scene_of(observers, labels)
-    if fault is None:
-        wire.require_fits(scene)
-        votes = dict.fromkeys(scene.roster, vote(label=scene.vocabulary[0], p=[1 / labels] * labels, doubles={}))
-        assert len(encode(verdict(p=[1 / labels] * labels, votes=votes))) <= SIZE_LIMIT
-        return
-    with pytest.raises(BadInput, match=fault) as caught:
-        wire.require_fits(scene)
-    assert "\n" not in str(caught.value) and "use fewer" in str(caught.value)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @given(payload=st.binary(max_size=200))
 @example(payload=b"\xd6\xff\x00\x00\x00\x00")
 @example(payload=b"\x81\xa1v\x01")
 def test_random_bytes_are_bad_messages(kind, payload):
     reason_of(kind, payload)
-
-
-FULL_VOTE = vote(
-    p=[0.25, 0.75], rest=0.25, skew_s=-0.5, unlearned=0.125, facing=Facing(surprise=[[0], [9]]), root_p=[128, 221],
-    facets={"own": [0.5, 0.5]}, reliability=0.75, doubles={"cam2": 0.5},
-)  # fmt: skip
-
-
-def test_a_judgement_whose_votes_have_roots_is_short_unless_it_is_to_be_full():
-    silent = vote(label=None, entropy=None, weight=0.0, age_s=None, state="silent", reliability=1.0)
-    message = judgement(
-        votes={"cam1": FULL_VOTE, "cam2": silent}, movement=OngoingMovement(id="dojo-1", began_ns=3), unlearned=0.25
-    )
-    short = msgpack.unpackb(encode(message))
-    needed = {"label", "entropy", "weight", "age_s", "state"}
-    assert set(short["votes"]["cam1"]) == needed | {"rest", "skew_s", "unlearned", "reliability", "root_p"}
-    assert set(short["votes"]["cam2"]) == needed | {"reliability"} and set(short["movement"]) == {"id", "began_ns"}
-    full = decode(JudgementMessage, encode(message, full=True))
-    first = message.votes["cam1"].model_copy(update={"root_p": None})
-    assert full == message.model_copy(update={"votes": {"cam1": first, "cam2": silent}})
-    # A verdict is evidence, and there is one of each movement.
-    assert decode(VerdictMessage, encode(verdict(votes=message.votes))).votes == full.votes
-
-
-def test_who_receives_a_short_judgement_has_all_that_is_shown():
-    message = judgement(votes={"cam1": FULL_VOTE.model_copy(update={"reliability": 1.0})}, unlearned=0.25)
-    decoded = decode(JudgementMessage, encode(message))
-    assert decoded.model_copy(update={"votes": message.votes}) == message
-    received = decoded.votes["cam1"]
-    assert received.p == pytest.approx([0.25, 0.75], abs=0.004) and sum(received.p) == pytest.approx(1)
-    assert (received.rest, received.skew_s, received.unlearned, received.reliability) == (0.25, -0.5, 0.125, 1.0)
-    assert encode(decoded) == encode(message)
-    # A forged number that single precision does not have.
-    forged = message.model_copy(update={"certainty_bits": 1e300})
-    assert decode(JudgementMessage, encode(forged)).certainty_bits == 1e300
-
-
-@given(DISTRIBUTIONS)
-def test_the_roots_of_a_distribution_are_precise(p):
-    assert p_of_roots(roots_of(np.array(p)).tolist()) == pytest.approx(p, abs=0.004, rel=0)
-
-
-@pytest.mark.parametrize("roots", [[], [0, 0], [-1, 255], [256, 0], [1.5, 2], "ab", [1] * 10_001])
-def test_roots_that_are_no_distribution_are_rejected(roots):
-    fields = {**judgement().model_dump(), "votes": {"cam1": {**vote().model_dump(), "root_p": roots}}}
-    assert reason_of(JudgementMessage, msgpack.packb(fields)) == "malformed"

@@ -12,124 +12,32 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from replay_stage import (
+    NAMES,
+    NOON,
+    OBSERVERS,
+    PLAY,
+    ROOT,
+    STEP,
+    a_scene,
+    labels,
+    new_engine,
+    posterior,
+    recorded,
+    steps,
+)
 
 import labanmesh
-from common.capture_file import APPEARED, GONE, CaptureFile, CaptureRecord, CaptureWriter
-from common.config import FusionConfig, ObserverConfig, Scene
+from common.capture_file import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
-from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
-from common.vocabulary import Vocabulary
-from common.wire import decode, encode, encode_vocabulary
+from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
+from common.wire import decode, encode
 from studies.fusion_engine import FusionEngine, step
 from studies.replay.comparison import VerdictRecord, as_json, as_text, compare_verdicts
 from studies.replay.from_judgements import Gap, ReplayChange
 from studies.replay.judging import judge_again
 
 HOUSE = Path(__file__).parents[2]
-NOON = 1_795_000_000_000_000_000
-STEP = 100_000_000
-NAMES = Vocabulary(("bowing", "lunging", "stretch"))
-REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
-OBSERVERS = ("door", "corner", "wheel")
-ROOT = "laban/dojo"
-# Seconds of rest, then of a movement, and the label of each observer.
-PLAY = [
-    (0.5, 1.5, {"door": "bowing", "corner": "bowing", "wheel": "bowing"}),
-    (1.0, 1.5, {"door": "lunging", "corner": "stretch", "wheel": "lunging"}),
-    (1.0, 1.5, {"door": "stretch", "corner": "stretch", "wheel": "stretch"}),
-    (1.5, 0.0, {}),
-]
-
-
-def a_scene(**fusion):
-    fusion = FusionConfig(**{"quorum": 2, **fusion})
-    observers = {name: ObserverConfig(source="m.npz") for name in OBSERVERS}
-    return Scene(scene="dojo", observers=observers, fusion=fusion)
-
-
-def belief(label, certainty):
-    p = np.full(NAMES.size, (1 - certainty) / (NAMES.size - 1))
-    p[NAMES.index(label)] = certainty
-    return [float(x) for x in p]
-
-
-def posterior(observer, seq, at_ns, label=None, certainty=0.9, **more):
-    p = [1 / NAMES.size] * NAMES.size if label is None else belief(label, certainty)
-    more = {"captured_ns": at_ns, "sent_ns": at_ns, "rest": 0.98 if label is None else 0.02, "frames": seq, **more}
-    return PosteriorMessage(scene="dojo", observer=observer, seq=seq, session="s", vocabulary=REFERENCE, p=p, **more)
-
-
-def key_of(observer, what="posterior"):
-    return f"{ROOT}/observer/{observer}/{what}"
-
-
-def steps(play=PLAY, seed=0):
-    """(time, posteriors) of each step."""
-    rng, times, at_ns = np.random.default_rng(seed), [], NOON
-    for rest_s, move_s, held in play:
-        for labels, length_s in (({}, rest_s), (held, move_s)):
-            for _ in range(round(length_s * 1e9 / STEP)):
-                at_ns += STEP
-                times.append((at_ns, labels))
-    return [
-        (at, [posterior(o, n, at - 7_000_000, held.get(o), rng.uniform(0.9, 0.99)) for o in OBSERVERS])
-        for n, (at, held) in enumerate(times, 1)
-    ]
-
-
-def new_engine(scene, observers=OBSERVERS):
-    return FusionEngine("dojo", list(observers), NAMES, scene.fusion)
-
-
-def recorded(scene, played, engine=None, records=None, short=False):
-    """The records of a mesh on which an engine judges these posteriors.
-
-    short: judgements have short votes, and full ones under their own key; else full ones, as with `votes = "full"`.
-    """
-    engine = engine or new_engine(scene)
-    if records is None:
-        records = [CaptureRecord("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)]
-    for at_ns, posteriors in played:
-        for message in posteriors:
-            records.append(CaptureRecord("put", key_of(message.observer), encode(message), at_ns))
-        output = step(engine, {message.observer: message for message in posteriors}, at_ns)
-        for verdict in output.verdicts:
-            records.append(CaptureRecord("put", f"{ROOT}/verdict", encode(verdict), at_ns))
-        full = encode(output.judgement, full=True)
-        if short:
-            records.append(CaptureRecord("put", f"{ROOT}/votes", full, at_ns + 1))
-        payload = encode(output.judgement) if short else full
-        records.append(CaptureRecord("put", f"{ROOT}/judgement", payload, at_ns + 1))
-    return records
-
-
-@pytest.fixture
-def records():
-    """The records of PLAY."""
-    return recorded(a_scene(), steps())
-
-
-@pytest.fixture
-def unjudged(records):
-    """The posteriors of PLAY without judgements."""
-    return [r for r in records if "/observer/" in r.key or r.kind == "answer"]
-
-
-@pytest.fixture
-def write(tmp_path):
-    def write_capture(records, scene=None, name="a.mcap"):
-        path = tmp_path / name
-        path.unlink(missing_ok=True)
-        with CaptureWriter(path, scene or a_scene(), "", NOON) as writer:
-            for record in records:
-                writer.write(record)
-        return CaptureFile(path)
-
-    return write_capture
-
-
-def labels(result, which="last_replayed"):
-    return [verdict and verdict.label for verdict in (getattr(row, which) for row in result.rows)]
 
 
 def judgements(records):
@@ -259,9 +167,10 @@ def test_a_forged_verdict_and_a_changed_vote_are_noticed(write, records):
 
 
 def test_a_capture_of_a_part_is_exact_in_that_part(write, records):
-    for end in range(judgements(records)[0] + 1, len(records), 5):
+    # A step has four records: each kind of them is the first and the last of a part.
+    for end in range(judgements(records)[0] + 1, len(records), 11):
         assert judge_again(write(records[:end]), ReplayChange()).faithful
-    for start in range(0, len(records), 7):
+    for start in range(0, len(records), 13):
         result = judge_again(write(records[:1] + records[start:]), ReplayChange())
         assert result.faithful
         whole = [row.likeness for row in result.rows if not row.partly]
@@ -371,70 +280,6 @@ def test_other_rule_quorum_and_threshold(write, records):
 def test_impossible_changes_are_rejected(write, records, changes, error):
     with pytest.raises(BadInput, match=error):
         judge_again(write(records), ReplayChange(**changes))
-
-
-def test_from_posteriors_the_verdicts_are_the_recorded_ones(write, records, unjudged):
-    result = judge_again(write(records), ReplayChange(), "posteriors")
-    assert labels(result) == ["bowing", "lunging", "stretch"] and result.faithful
-    result = judge_again(write(unjudged), ReplayChange())
-    assert (result.source, labels(result)) == ("posteriors", ["bowing", "lunging", "stretch"])
-    assert labels(judge_again(write(unjudged), ReplayChange(without=("wheel",)))) == ["bowing", "abstain", "stretch"]
-
-
-def test_from_posteriors_a_new_vocabulary_is_followed(write, unjudged):
-    """As when the observers were taught between the second movement and the third."""
-    taught = Vocabulary(("clap", "point", "wave"))
-    reference, later = VocabularyReference(name="", hash=taught.digest), NOON + 50 * STEP
-    named = [CaptureRecord("put", f"{ROOT}/vocabulary", encode_vocabulary("dojo", taught), later)]
-    changed = [r for r in unjudged if r.arrived_ns < later]
-    for record in (r for r in unjudged if r.arrived_ns >= later):
-        message = decode(PosteriorMessage, record.payload).model_copy(update={"vocabulary": reference})
-        changed.append(CaptureRecord("put", record.key, encode(message), record.arrived_ns))
-    assert labels(judge_again(write([*changed, *named]), ReplayChange())) == ["bowing", "lunging", "wave"]
-
-
-def test_from_posteriors_bad_messages_change_nothing_and_gone_observers_are_silent(write, unjudged):
-    bad = [b"", b"\xc1", b"\x81\xa1v\x02"]
-    noisy = [unjudged[0]]
-    for n, record in enumerate(unjudged[1:]):
-        noisy += [record, CaptureRecord("put", key_of("wheel"), bad[n % len(bad)], record.arrived_ns)]
-        stolen = encode(posterior("door", 10_000 + n, record.arrived_ns, "stretch"))
-        noisy.append(CaptureRecord("put", key_of("wheel"), stolen, record.arrived_ns))
-    quiet = judge_again(write(unjudged), ReplayChange())
-    loud = judge_again(write(noisy), ReplayChange())
-    assert [row.last_replayed.label for row in loud.rows] == [row.last_replayed.label for row in quiet.rows]
-    assert [row.began_ns for row in loud.rows] == [row.began_ns for row in quiet.rows]
-    # Two observers end as the last movement begins: one is left, below the quorum.
-    last = quiet.rows[-1].began_ns
-    gone = [CaptureRecord("token", key_of(o, "alive"), APPEARED, NOON) for o in OBSERVERS]
-    gone += [r for r in unjudged if r.arrived_ns <= last or "/door/" in r.key]
-    at = next(n for n, r in enumerate(gone) if r.arrived_ns > last)
-    gone[at:at] = [CaptureRecord("token", key_of(o, "alive"), GONE, last) for o in ("corner", "wheel")]
-    assert labels(judge_again(write(gone), ReplayChange())) == ["bowing", "lunging", "abstain"]
-
-
-def test_from_posteriors_time_passes_in_silence(write, unjudged):
-    open_end = [r for r in unjudged if r.arrived_ns <= NOON + 18 * STEP]
-    (row,) = judge_again(write(open_end), ReplayChange()).rows
-    assert row.last_replayed.ended_ns is None
-    later = CaptureRecord("put", f"{ROOT}/fusion/fusion/status", b"", NOON + 60 * STEP)
-    (row,) = judge_again(write([*open_end, later]), ReplayChange()).rows
-    # Past drop_s all observers are silent, which counts as rest.
-    assert row.last_replayed.ended_ns == pytest.approx(NOON + 18 * STEP + 2 * 10**9, abs=2 * STEP)
-
-
-def test_from_posteriors_a_wrong_clock_is_corrected_by_its_status(write, unjudged):
-    hour_ns, shifted = 3600 * 10**9, []
-    for record in unjudged:
-        if "/wheel/" in record.key:
-            at_ns, message = record.arrived_ns, decode(PosteriorMessage, record.payload)
-            status = StatusMessage(scene="dojo", id="wheel", state="running", at_ns=at_ns - hour_ns)
-            times = {"captured_ns": message.captured_ns - hour_ns, "sent_ns": message.sent_ns - hour_ns}
-            late = encode(message.model_copy(update=times))
-            shifted.append(CaptureRecord("put", key_of("wheel", "status"), encode(status), at_ns))
-            record = CaptureRecord(record.kind, record.key, late, at_ns)
-        shifted.append(record)
-    assert labels(judge_again(write(shifted), ReplayChange())) == ["bowing", "lunging", "stretch"]
 
 
 def test_captures_that_cannot_be_judged_are_errors(write, records):

@@ -8,6 +8,7 @@ from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
 from fusion.engine.roster import AgedPosterior
+from fusion.engine.rules import RULES
 
 LABELS = ("bow", "lunge", "punch")
 VOCABULARY = Vocabulary(LABELS, "karate")
@@ -15,6 +16,9 @@ VIEWS = ("door", "wheel", "table", "back")
 UNIFORM = (1 / 3, 1 / 3, 1 / 3)
 STEP_NS = SECOND_NS // 10
 CONFIG = FusionConfig(quorum=3, threshold=0.8, hold_s=0.3)
+MOVING, REST = 0.05, 0.95
+"""The probability that the person is at rest."""
+FOUR_OBSERVER_RULES = sorted(set(RULES) - {"chernoff"})
 
 
 def message(captured_ns, vocabulary=VOCABULARY, **fields):
@@ -34,6 +38,11 @@ def aged(observer, p, state="counted", **fields):
 def sure(label, p=0.9):
     """The posterior of an observer that is as sure of a label."""
     return tuple(p if name == label else (1 - p) / 2 for name in LABELS)
+
+
+def all_views(p, *but):
+    """The same posterior for each of VIEWS except these."""
+    return {name: p for name in VIEWS if name not in but}
 
 
 class EngineDriver:

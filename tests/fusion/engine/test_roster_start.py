@@ -1,11 +1,10 @@
 """No verdict before the roster has begun: the wait at the start of a scene, on the engine with simulated time."""
 
 import pytest
-from engine_stage import UNIFORM, VIEWS, EngineDriver, sure
+from engine_stage import MOVING, REST, UNIFORM, VIEWS, EngineDriver, sure
 
 from common.vocabulary import ABSTAIN, Vocabulary
 
-MOVING, REST = 0.05, 0.95
 GRACE_STEPS = 30
 
 
