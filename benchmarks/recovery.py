@@ -38,7 +38,7 @@ BARE = "bench/bare/recovery"
 
 
 @dataclass(frozen=True, slots=True)
-class Outage:
+class RecoveryTime:
     """Seconds without a judgement, and the floor."""
 
     ours_s: float
@@ -61,7 +61,7 @@ def rows(rounds: int = ROUNDS) -> Iterator[BenchmarkRow]:
         yield _row("reconnection, router killed and back", [mesh.reconnection() for _ in range(rounds)])
 
 
-def _row(name: str, outages: list[Outage]) -> BenchmarkRow:
+def _row(name: str, outages: list[RecoveryTime]) -> BenchmarkRow:
     ours_ms, floor_ms = median(o.ours_s for o in outages) * 1e3, median(o.floor_s for o in outages) * 1e3
     return row(name, ours_ms, floor_ms, "ms", len(outages))
 
@@ -101,7 +101,7 @@ class RecoveryMesh:
                 process.kill()
                 process.wait(TIMEOUT_S)
 
-    def failover(self) -> Outage:
+    def failover(self) -> RecoveryTime:
         """Until the other service judges; floor: until Zenoh reports that the leader is gone."""
         _wait_until(lambda: len(self._alive.alive) == len(SERVICES), "both fusion services are alive")
         leader = _next(self._judgements).judgement.fusion
@@ -114,9 +114,9 @@ class RecoveryMesh:
         taken_over = _first(self._judgements, lambda judgement: judgement.fusion != leader)
         self._services[leader].wait(TIMEOUT_S)
         self._services[leader] = self._fuse(leader)
-        return Outage((taken_over.arrived_ns - killed_ns) / SECOND_NS, (gone_ns - killed_ns) / SECOND_NS)
+        return RecoveryTime((taken_over.arrived_ns - killed_ns) / SECOND_NS, (gone_ns - killed_ns) / SECOND_NS)
 
-    def reconnection(self) -> Outage:
+    def reconnection(self) -> RecoveryTime:
         """From the new router's listening until a judgement arrives; floor: until bare bytes arrive."""
         _next(self._judgements)
         self._router.kill()
@@ -129,7 +129,7 @@ class RecoveryMesh:
         judged = _first(self._judgements, lambda judgement: judgement.at_ns > listening_ns)
         _wait_until(lambda: bool(self._arrived_ns), "bare bytes pass through the new router")
         floor_ns = max(self._arrived_ns[0] - listening_ns, 1_000)
-        return Outage((judged.arrived_ns - listening_ns) / SECOND_NS, floor_ns / SECOND_NS)
+        return RecoveryTime((judged.arrived_ns - listening_ns) / SECOND_NS, floor_ns / SECOND_NS)
 
 
 def _start(*words: str) -> subprocess.Popen[str]:

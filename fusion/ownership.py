@@ -18,7 +18,7 @@
    any more: their tokens disappeared with the connection, and come back in any order.
 7. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
    because another service may be the owner by now. A service that knows of no other one goes on at once. One that
-   stands by waits twice as long for the owner, which may have been stopped too.
+   stands by waits twice as long for the owner, which may have been stopped too, and then goes on whatever its rank.
 
 Times are seconds of a monotonic clock.
 """
@@ -61,7 +61,7 @@ class Ownership:
         self._own, self._scene, self._ranked, self._takeover_s = own, scene, ranked, takeover_s
         self._others: frozenset[str] = frozenset()
         self._silent: frozenset[str] = frozenset()
-        self._has_met_others = False
+        self._has_met_others = self._was_owner = False
         self._quiet_since_s = 0.0
         self._slept_s = self._cut_off_s = float("-inf")
         self._updated_s: float | None = None
@@ -98,6 +98,7 @@ class Ownership:
             # It was the owner before this service was; following each other, both would be silent.
             return False
         self._silent -= {service}
+        self._was_owner = False
         if self.role is Role.OWNER:
             self.role = Role.STANDBY
         self.owner, self.epoch, self._quiet_since_s = service, max(epoch, self.epoch), now_s
@@ -124,6 +125,7 @@ class Ownership:
         if self._ranked == (self._own,):
             self._own_it()
         elif slept and self._may_have_others(now_s):
+            self._was_owner = self.role is Role.OWNER
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
         elif self.role is not Role.OWNER:
             self._follow_rank(now_s, connected)
@@ -158,7 +160,8 @@ class Ownership:
             # It begins to listen now.
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
         elif self.owner is None:
-            waits_s = self._takeover_s * (1 + place) if self._may_have_others(now_s) else 0.0
+            turn = 0 if self._was_owner else place
+            waits_s = self._takeover_s * (1 + turn) if self._may_have_others(now_s) else 0.0
             self.role = Role.STANDBY
             if connected() and quiet_s >= waits_s:
                 self._own_it()
@@ -177,6 +180,7 @@ class Ownership:
         return bool(self._others) or len(self._ranked) > 1 or is_back
 
     def _own_it(self) -> None:
+        self._was_owner = False
         if self.role is not Role.OWNER:
             self.role, self.owner, self.epoch = Role.OWNER, self._own, self.epoch + 1
 

@@ -22,10 +22,11 @@
    was likelier: that is the next movement. If the other label began earlier and still holds REVISED_S after the
    decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
-8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh with the
-   next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on. After
-   more than FORGOTTEN_S it ends at once: a service that is killed again and again might not live to see the rest.
-   What observers name if the person rests then may be a later movement after HIDDEN_S: the undecided one is unknown.
+8. Outages (outage.py): if no observer was heard for longer than UNHEARD_S, a movement that was not decided before
+   begins afresh with the next motion, and a decided one is not revised: it ends when it was heard last, unless the same
+   label goes on. After more than FORGOTTEN_S it ends at once: a service that is killed again and again might not live
+   to see the rest. What observers name if the person rests then may be a later movement after HIDDEN_S: the undecided
+   one is unknown.
 """
 
 from dataclasses import dataclass, replace
@@ -35,17 +36,12 @@ from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN
 from fusion.engine.label_before import LabelBefore
 from fusion.engine.movement import MovementDecision, MovementProgress, PooledState
+from fusion.engine.outage import Outage
 
 REVISIONS_LIMIT = 3
 FADING = 2
 NEXT_S, REVISED_S = 0.3, 1.0
 """Movements of people follow one another no faster; an observer changes its mind earlier."""
-UNHEARD_S = 1.0
-"""A shorter outage hides no whole movement, nor the whole rest between two."""
-HIDDEN_S = 2.0
-"""A longer outage can hide a rest and a whole movement."""
-FORGOTTEN_S = 5.0
-"""After a longer outage the same label is another movement."""
 REVOKED_S = 0.3
 """Observers notice so late that a person is still."""
 
@@ -72,11 +68,10 @@ class VerdictDetector:
         self._faded_since_ns: int | None = None
         self._witnessed: int | None = None
         self._else_since_ns: int | None = None
-        self._heard_ns: int | None = None
-        self._unheard_from_ns: int | None = None
+        self._outage = Outage()
         self._before = LabelBefore()
         self._deferred: str | None = None
-        self._was_idle = self._is_tail = self._is_past = self._is_unknown = self._is_forgotten = False
+        self._was_idle = self._is_tail = False
         self._is_observed = True
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
@@ -100,28 +95,25 @@ class VerdictDetector:
 
         heard_ns: when that service heard an observer last, if it is known.
         """
-        self._is_past = False
-        if heard_ns is not None:
-            self._heard_ns = max(heard_ns, self._heard_ns or 0)
         if movement is None:
             self._finish()
-            return
-        if self.movement is None:
+        elif self.movement is None:
             self._begin(movement.began_ns)
         elif movement.decision is None:
             self._label_at_rest = None
         self.movement = movement
+        self._outage.follow(heard_ns, None if movement is None else movement.decision)
 
     def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
         """Take one step; returns the decisions that are due: a first word, a revision, an end."""
         if state.at_ns < self._last_ns:
             self._finish()
-            self._heard_ns, self._before = None, LabelBefore()
+            self._outage, self._before = Outage(), LabelBefore()
         self._last_ns = at_ns = state.at_ns
         self._is_observed = state.observed
-        self._note_gap(state)
-        if self._is_forgotten:
-            ended = self.end_now(self._unheard_from_ns or at_ns)
+        self._note_outage(state)
+        if self._outage.is_forgotten:
+            ended = self.end_now(self._outage.since_ns or at_ns)
             return () if ended is None else (ended,)
         if state.observed and state.p >= self._config.threshold:
             self._before.name(state.label, at_ns)
@@ -154,20 +146,14 @@ class VerdictDetector:
         self._candidate = self._rest_since_ns = self._witnessed = None
         return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
 
-    def _note_gap(self, state: PooledState) -> None:
+    def _note_outage(self, state: PooledState) -> None:
         """Rule 8: notice that observers are heard again after they were not."""
         if not state.observed:
             return
-        heard_ns = state.at_ns if state.heard_ns is None else state.heard_ns
-        last_ns = heard_ns if self._heard_ns is None else self._heard_ns
-        self._heard_ns, gap_s = max(heard_ns, last_ns), (heard_ns - last_ns) / SECOND_NS
         decision = None if self.movement is None else self.movement.decision
-        if gap_s > UNHEARD_S:
-            self._unheard_from_ns = None if decision is None else max(last_ns, decision.decided_ns)
-            self._is_past, self._is_unknown = decision is None, decision is None and gap_s > HIDDEN_S
-            self._is_forgotten = decision is not None and gap_s > FORGOTTEN_S
+        if self._outage.update(state.at_ns if state.heard_ns is None else state.heard_ns, decision):
             self._before.hear_again(state.at_ns)
-        if self._is_past and self.movement is not None and decision is None and not state.idle:
+        if self._outage.is_past and self.movement is not None and decision is None and not state.idle:
             self._begin(state.at_ns)
 
     def _change(
@@ -186,10 +172,10 @@ class VerdictDetector:
         if decision is not None and label is not None and label != decision.label:
             return self._replace(movement, decision, label, at_ns)
         if label is not None:
-            self._unheard_from_ns = None
+            self._outage.since_ns = None
         if self._faded_since_ns is None or at_ns - self._faded_since_ns < FADING * self._hold_ns:
             return None
-        ended_ns = self._unheard_from_ns or self._faded_since_ns
+        ended_ns = self._outage.since_ns or self._faded_since_ns
         self._finish()
         if decision is not None:
             self._before.end(decision.label, ended_ns)
@@ -201,7 +187,7 @@ class VerdictDetector:
         """Another label has met the demand: the next movement, a revision, or neither yet."""
         since_ns = at_ns if self._candidate is None else self._candidate.since_ns
         # A service that has just taken over may have missed when the label changed.
-        witnessed, unheard_ns = self._witnessed == decision.decided_ns, self._unheard_from_ns
+        witnessed, unheard_ns = self._witnessed == decision.decided_ns, self._outage.since_ns
         is_next = witnessed and (self._was_idle or since_ns - movement.began_ns >= NEXT_S * SECOND_NS)
         if is_next or unheard_ns is not None:
             ended = replace(decision, ended_ns=since_ns if unheard_ns is None else unheard_ns, stage="ended")
@@ -224,15 +210,15 @@ class VerdictDetector:
     def _begin(self, at_ns: int) -> MovementProgress:
         self.movement = movement = MovementProgress(at_ns)
         self._candidate = self._rest_since_ns = self._label_at_rest = None
-        self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
-        self._revisions, self._was_idle, self._is_past, self._deferred = 0, False, False, None
-        self._is_tail = self._is_unknown = False
+        self._faded_since_ns = self._else_since_ns = self._deferred = None
+        self._revisions, self._was_idle, self._is_tail = 0, False, False
+        self._outage.begin()
         self._before.begin(at_ns)
         return movement
 
     def _finish(self) -> None:
-        self.movement = self._label_at_rest = self._unheard_from_ns = None
-        self._is_forgotten = self._is_unknown = False
+        self.movement = self._label_at_rest = None
+        self._outage.end()
 
     def _first_word(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
         """The decision of a movement that has none, if it is due (rule 2)."""
@@ -252,7 +238,7 @@ class VerdictDetector:
 
     def _held_label(self, state: PooledState) -> str | None:
         """The label that has met the demand for `hold_s`, if any."""
-        if self._is_unknown or state.p < self._config.threshold or state.agreeing < self._config.quorum:
+        if self._outage.is_unknown or state.p < self._config.threshold or state.agreeing < self._config.quorum:
             self._candidate = None
             return None
         if self._candidate is None or self._candidate.label != state.label:
@@ -267,7 +253,7 @@ class VerdictDetector:
             since_ns = self._else_since_ns
             is_revoked = since_ns is not None and state.at_ns - since_ns >= REVOKED_S * SECOND_NS
             last = ABSTAIN if is_revoked else label
-            decision = None if self._unheard_from_ns is not None else movement.decision
+            decision = None if self._outage.since_ns is not None else movement.decision
             if decision is not None and last not in (None, decision.label) and self._revisions < REVISIONS_LIMIT:
                 self._label_at_rest = last
                 self._revisions += 1
@@ -291,7 +277,7 @@ class VerdictDetector:
         return moved_until_ns - movement.began_ns >= self._hold_ns
 
     def _end(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
-        decision, ended_ns = movement.decision, self._unheard_from_ns or self._rest_since_ns
+        decision, ended_ns = movement.decision, self._outage.since_ns or self._rest_since_ns
         if decision is None and self._is_long_enough(movement, at_ns) and not self._is_tail:
             decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         self._finish()

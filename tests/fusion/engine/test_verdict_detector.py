@@ -395,6 +395,22 @@ def test_8_after_a_gap_another_label_is_the_next_movement_and_the_same_one_goes_
     assert words_after_a_gap([*rest(1), *sure(5)], after=sure_at_rest(9, "lunge"), **gone) == [bow, over]
 
 
+def test_8_nor_is_an_outage_lost_on_a_service_that_follows_the_one_that_noticed_it():
+    """Both services were frozen; the owner comes back second, after one judgement of the other."""
+    first, second = VerdictDetector(CONFIG), VerdictDetector(CONFIG)
+    story = [*rest(1), *sure(5)]
+    for step, (label, p, agreeing, rest_p) in enumerate(story):
+        first.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+    second.follow(first.movement, 5 * STEP_NS)
+    second.update(PooledState(95 * STEP_NS, "lunge", 0.9, 2, 0.1))
+    first.follow(second.movement, 95 * STEP_NS)
+    words = [d for step in range(96, 104) for d in first.update(PooledState(step * STEP_NS, "lunge", 0.9, 2, 0.1))]
+    assert [(d.label, d.stage, (d.ended_ns or 0) // STEP_NS) for d in words[:2]] == [
+        ("bow", "ended", 5),
+        ("lunge", "decided", 0),
+    ]
+
+
 def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
     after = [*sure(8, "lunge"), *rest(4)]
     begins = {gap: words_after_a_gap([*rest(1), *moving(5)], gap, after)[0][2] for gap in (19, 25)}
