@@ -38,8 +38,8 @@ MODELS = "LABANMESH_MODELS"
 class Scene(Section):
     """A whole scene. `read_scene` makes it, and sets the folder that relative file names start from."""
 
-    scene: str
-    vocabulary: Annotated[tuple[str, ...], Field(strict=False)] | None = None
+    scene: Annotated[str, Field(examples=["dojo"])]
+    vocabulary: Annotated[tuple[str, ...], Field(strict=False, examples=[["wave", "clap"]])] | None = None
     vocabulary_name: str = "movements"
     mesh: MeshConfig = MeshConfig()
     person: PersonConfig = PersonConfig()
@@ -172,11 +172,16 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
 
 def _parse(path: Path) -> dict[str, Any]:
     try:
-        return read_toml(path)
+        table = read_toml(path)
+    except FileNotFoundError as error:
+        raise BadInput(f"{path}: {reason_of(error)}; name a scene file, or let `labanmesh init` write one") from None
     except OSError as error:
         raise BadInput(f"{path}: {reason_of(error)}; name a scene file (TOML)") from None
     except ValueError as error:
         raise BadInput(f"{path}: not TOML: {error}") from None
+    if not table:
+        raise BadInput(f"{path}: empty; `labanmesh init` writes a scene file")
+    return table
 
 
 def _resolve_credentials(table: dict[str, Any], folder: Path) -> None:

@@ -10,6 +10,7 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, PydanticUndefined
 
 from common.errors import BadInput
 from common.text import nearest
@@ -21,13 +22,13 @@ Place = tuple[str, ...]
 
 
 def describe_fault(error: ValidationError, model: type[BaseModel]) -> str:
-    """One line for the most useful fault: key, value, rule and the nearest known key; and how many more there are.
+    """One line for the most useful fault: key, value, rule and what would be right; and how many more there are.
 
     An unknown key comes first, because it is often the misspelled one that is reported as missing.
     """
     faults = error.errors(include_url=False)
     first = min(faults, key=lambda fault: fault["type"] != "extra_forbidden")
-    line = _line(first["type"], tuple(map(str, first["loc"])), first["msg"], first.get("input"), model)
+    line = _line(first, model)
     return line if len(faults) == 1 else f"{line} ({len(faults) - 1} more)"
 
 
@@ -48,21 +49,112 @@ def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping
             raise BadInput(f"{variable}: unknown environment variable; {nearest(variable, known)}")
 
 
-def _line(kind: str, place: Place, message: str, value: object, model: type[BaseModel]) -> str:
+def _line(fault: ErrorDetails, model: type[BaseModel]) -> str:
+    place, kind, value = tuple(map(str, fault["loc"])), fault["type"], fault.get("input")
     key = ".".join(place)
     if kind == "extra_forbidden":
-        return f"{key}: unknown key; {nearest(place[-1], _known_keys(place[:-1], model))}"
+        known = _known_keys(place[:-1], model)
+        home = next((name for name in _sections_with(place[-1], model) if name != ".".join(place[:-1])), "")
+        return f"{key}: unknown key; {f'it belongs below [{home}]' if home else nearest(place[-1], known)}"
+    named = tuple(part for part in place if not part.isdecimal()) or place
+    field = _field(named, model)
     if kind == "missing":
-        return f"{key}: missing; this key has no default"
-    quoted = repr(value)
-    quoted = quoted if len(quoted) <= VALUE_LIMIT else f"{quoted[:VALUE_LIMIT]}..."
-    return f"{key} = {quoted}: {_rule(message)}"
+        of_list = named != place
+        rule = f"item {int(place[-1]) + 1} is missing" if of_list else "missing; this key has no default"
+        return f"{'.'.join(named)}: {rule}{_example(named[-1], field)}"
+    section = key if place[0] != "observers" or len(place) > 2 else "observers.ID], e.g. [observers.cam1"
+    rule = _rule(fault["msg"]).replace("[section]", f"[{section}]")
+    way_out = _way_out(kind, value, named[-1], field) if named == place else _example(named[-1], field)
+    return f"{key} = {_quoted(value)}: {rule}{way_out}"
 
 
 def _rule(message: str) -> str:
     """A message of pydantic in the words of the scene file."""
     rule = message.removeprefix("Value error, ").replace("Input should be", "must be").replace("valid tuple", "list")
-    return re.sub(r"a valid dictionary( or instance of \w+)?", "a table, which starts with [section]", rule)
+    rule = re.sub(r"(String|Tuple) should have", "must have", rule).replace(" after validation", "")
+    rule = re.sub(r"a valid dictionary( or instance of \w+)?", "a table, which starts with [section]", rule)
+    return rule.replace("a valid string", "text in quotes").replace("a valid boolean", "true or false")
+
+
+def _way_out(kind: str, value: object, name: str, field: FieldInfo | None) -> str:
+    """What would be right, for faults whose rule does not say it; it begins with a semicolon."""
+    is_text = isinstance(value, str)
+    if kind == "bool_type":
+        yes = is_text and str(value).lower() in ("true", "yes", "on", "1")
+        return f"; write {name} = {'true' if yes else 'false'}, without quotes" if is_text else _example(name, field)
+    if kind in ("float_type", "int_type") and is_text and re.fullmatch(r"-?\d+(\.\d+)?", str(value)):
+        return f"; write {name} = {value}, without quotes"
+    if kind == "string_type" and isinstance(value, int | float) and not isinstance(value, bool):
+        return f'; write {name} = "{value}"'
+    limits = _in_schema(field, "minimum", "maximum")
+    if kind in ("greater_than_equal", "less_than_equal", "finite_number") and limits:
+        return f"; choose {limits['minimum']:.15g} to {limits['maximum']:.15g}"
+    return "" if kind in ("value_error", "literal_error", "dict_type", "model_type") else _example(name, field)
+
+
+def _example(name: str, field: FieldInfo | None) -> str:
+    """`; e.g. NAME = VALUE` from the field's examples, its default or its type."""
+    if field is None:
+        return ""
+    examples = field.examples or (_in_schema(field, "examples") or {"examples": []})["examples"]
+    example = examples[0] if examples else field.get_default()
+    if example is None or isinstance(example, BaseModel) or example is PydanticUndefined:
+        return ""
+    example = example or (["text"] if isinstance(example, tuple) else "text" if example == "" else example)
+    return f"; e.g. {name} = {_toml(example)}"
+
+
+def _in_schema(field: FieldInfo | None, *keys: str) -> dict[str, Any] | None:
+    """The first part of the JSON schema of `field` that has all `keys`."""
+    parts: list[Any] = [field and TypeAdapter[object](field.rebuild_annotation()).json_schema()]
+    while parts:
+        part = parts.pop(0)
+        if isinstance(part, dict):
+            if all(key in part for key in keys):
+                return part
+            parts += part.values()
+        elif isinstance(part, list):
+            parts += part
+    return None
+
+
+def _quoted(value: object) -> str:
+    """A wrong value as the file has it, shortened."""
+    quoted = repr(value) if isinstance(value, str) else _toml(value)
+    return quoted if len(quoted) <= VALUE_LIMIT else f"{quoted[:VALUE_LIMIT]}..."
+
+
+def _toml(value: object) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{key} = {_toml(inner)}' for key, inner in value.items())}}}"
+    return str(value)
+
+
+def _sections_with(key: str, model: type[BaseModel], place: Place = ()) -> Iterator[str]:
+    """The sections that have a key of this name, in the words of the reference: `observers.ID`."""
+    for name, field in model.model_fields.items():
+        section = _section(field.annotation)
+        if section is not None:
+            here = (*place, name) if isinstance(field.annotation, type) else (*place, name, "ID")
+            if key in section.model_fields:
+                yield ".".join(here)
+            yield from _sections_with(key, section, here)
+
+
+def _field(place: Place, model: type[BaseModel]) -> FieldInfo | None:
+    """The field of the key at `place`, in which the names of a table of sections are skipped."""
+    field = None
+    for part in place:
+        field = model.model_fields.get(part)
+        model = (_section(field.annotation) if field else None) or model
+    return field
 
 
 def _known_keys(place: Place, model: type[BaseModel]) -> list[str]:
@@ -104,7 +196,9 @@ def _value(variable: str, text: str, field: FieldInfo) -> object:
     try:
         return TypeAdapter[object](field.rebuild_annotation()).validate_python(raw, strict=False)
     except ValidationError as error:
-        raise BadInput(f"{variable} = {text!r}: {_rule(error.errors()[0]['msg'])}") from None
+        fault = error.errors()[0]
+        example = _example("", field).replace("e.g.  = ", "e.g. ") if fault["type"].endswith("_parsing") else ""
+        raise BadInput(f"{variable} = {text!r}: {_rule(fault['msg'])}{example}") from None
 
 
 def _write(table: dict[str, Any], place: Place, value: object) -> None:

@@ -46,17 +46,17 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, le=86_400)]
 Duration = Annotated[float, Field(ge=1e-3, le=86_400)]
 """Seconds that something is divided by."""
-Hertz = Annotated[float, Field(ge=0.01, le=10_000)]
+Hertz = Annotated[float, Field(ge=0.01, le=10_000, examples=[15.0])]
 Pixels = Annotated[int, Field(ge=1, le=16_384)]
 Position = Annotated[int, Field(ge=-16_384, le=16_384)]
 """In a picture; px."""
 Metres = Annotated[float, Field(ge=-10_000, le=10_000)]
-Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000, examples=[90.0])]
 ClipSeconds = Annotated[float, Field(ge=0, le=30)]
 Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field(strict=False)]
 
 
-Place = Annotated[tuple[Metres, ...], Field(strict=False, min_length=2, max_length=3)]
+Place = Annotated[tuple[Metres, ...], Field(strict=False, min_length=2, max_length=3, examples=[[0.5, 2.0]])]
 """[x, z] on the floor, or [x, y, z] with the height y of the head; metres, in the axes of the camera files."""
 
 
@@ -122,7 +122,7 @@ class VirtualConfig(Section):
     slow_light: Annotated[float, Field(ge=0, le=1)] = 0.0
     sudden_light: Annotated[float, Field(ge=0, le=1)] = 0.0
     blur: Annotated[float, Field(ge=0, le=1)] = 0.0
-    occluders: Annotated[tuple[Occlusion, ...], Field(strict=False)] = ()
+    occluders: Annotated[tuple[Occlusion, ...], Field(strict=False, examples=[[[0.3, 0.2, 0.4, 0.5, 1, 2]]])] = ()
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
 
 
@@ -155,8 +155,8 @@ class ObserverConfig(Section):
     pictures per second, while the person moves and while nothing does; None: by their cost.
     """
 
-    source: Annotated[str, Field(min_length=1)]
-    view: Annotated[str, Field(min_length=1)] = "door"
+    source: Annotated[str, Field(min_length=1, examples=["0"])]
+    view: Annotated[str, Field(min_length=1, examples=["yaw:30"])] = "door"
     direction: Literal["known", "unknown"] = "known"
     model: str = ""
     speed: Annotated[float, AfterValidator(_speed)] = 1.0
@@ -167,14 +167,16 @@ class ObserverConfig(Section):
     rate_hz: Hertz | None = None
     max_hz: Hertz | None = None
     idle_hz: Hertz | None = None
-    size_px: Annotated[tuple[Pixels, Pixels] | None, Field(strict=False)] = None
+    size_px: Annotated[tuple[Pixels, Pixels] | None, Field(strict=False, examples=[[640, 480]])] = None
     mirrored: bool = False
     skin: str = ""
-    face: Annotated[tuple[Position, Position, Pixels, Pixels] | None, Field(strict=False)] = None
+    face: Annotated[
+        tuple[Position, Position, Pixels, Pixels] | None, Field(strict=False, examples=[[300, 120, 80, 80]])
+    ] = None
     pose_model: str = ""
     hand: Literal["palm", "wrist"] = "palm"
     follow: Literal["largest", "nearest", "raised_hand"] = "largest"
-    follow_near: Annotated[tuple[Share, Share] | None, Field(strict=False)] = None
+    follow_near: Annotated[tuple[Share, Share] | None, Field(strict=False, examples=[[0.5, 0.5]])] = None
     preview: str = ""
     picture_hz: Annotated[float, Field(ge=0, le=5)] = 0.0
     effort: str = ""
@@ -217,10 +219,10 @@ class FusionConfig(Section):
     blind_s: Duration = 0.15
     drop_s: Duration = 2.0
     step_hz: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
-    standby: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    standby: Annotated[tuple[str, ...], Field(strict=False, examples=[["fusion2"]])] = ()
     takeover_s: Duration = 0.5
     start_s: Annotated[float, Field(ge=0, le=60)] = 3.0
-    memory: str | None = None
+    memory: Annotated[str, Field(examples=["fusion.memory"])] | None = None
     votes: Literal["short", "full"] = "short"
 
 
@@ -238,14 +240,14 @@ class MqttConfig(Section):
     """
 
     host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=1, le=65535)] | None = None
+    port: Annotated[int, Field(ge=1, le=65535, examples=[1883])] | None = None
     username: str = ""
     password_file: str = ""
     tls: bool = False
     ca_file: str = ""
     discovery: str = "homeassistant"
     topics: str = "labanmesh"
-    movements: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    movements: Annotated[tuple[str, ...], Field(strict=False, examples=[["wave", "clap"]])] = ()
     area: str = ""
 
 
@@ -266,7 +268,7 @@ class HubConfig(Section):
     certainty: the probability from which a movement is announced before it is decided; 1: never.
     """
 
-    start: Annotated[tuple[Literal["mqtt", "dashboard"], ...], Field(strict=False)] = ()
+    start: Annotated[tuple[Literal["mqtt", "dashboard"], ...], Field(strict=False, examples=[["dashboard"]])] = ()
     certainty: Share = 1.0
     mqtt: MqttConfig = MqttConfig()
     dashboard: DashboardConfig = DashboardConfig()

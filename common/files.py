@@ -1,6 +1,7 @@
 """Reading small text files of people, and writing files that nobody could make again."""
 
 import os
+import re
 import tomllib
 from contextlib import suppress
 from pathlib import Path
@@ -9,9 +10,32 @@ from typing import Any
 TEXT_LIMIT = 16 * 2**20
 """Bytes of a text file: no scene, camera or register is that long, and a device without end is."""
 
+LINE_LIMIT = 60
+"""Characters of a wrong line that are quoted."""
+TOML_RULES = {
+    "Invalid value": 'text stands in quotes, KEY = "TEXT"; true and false in small letters',
+    "Expected '='": "a line is KEY = VALUE, [SECTION] or # COMMENT",
+    "Invalid initial": "a line is KEY = VALUE, [SECTION] or # COMMENT",
+    "Invalid statement": "a line is KEY = VALUE, [SECTION] or # COMMENT",
+    "Expected newline": "one KEY = VALUE stands on a line, text in quotes; decimals have a point",
+    "Illegal character": "the text in quotes has no end; close the quotes",
+    'Expected "\'"': "the text in quotes has no end; close the quotes",
+    "Unterminated string": "the text in quotes has no end; close the quotes",
+    "Unescaped": "a \\ within \"...\" is written \\\\; or use '...'",
+    "Invalid hex": "a \\ within \"...\" is written \\\\; or use '...'",
+    "Cannot declare": "each [SECTION] stands once; write all its keys below it",
+    "Cannot overwrite": "each key stands once; remove one",
+    "Cannot mutate": "each key and section stands once; remove one",
+    "Duplicate inline": "each key stands once; remove one",
+    "Unclosed": "close the bracket, ] or }",
+    "Expected ']": "a section is [SECTION]; close the bracket",
+    "Invalid date": "text stands in quotes",
+}
+"""What is right, by how a message of tomllib begins."""
+
 
 def read_text(path: Path, limit: int = TEXT_LIMIT) -> str:
-    """The text of the file at `path`, UTF-8.
+    """The text of the file at `path`, UTF-8, without the mark that some editors put before it.
 
     Raises OSError, and ValueError, one line, for anything that is no such text, or longer than `limit` bytes.
     """
@@ -21,9 +45,9 @@ def read_text(path: Path, limit: int = TEXT_LIMIT) -> str:
     if len(content) > limit:
         raise ValueError(f"longer than {limit >> 20} MB")
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ValueError("not UTF-8 text") from None
+        raise ValueError("not UTF-8 text; save it as UTF-8") from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -34,7 +58,19 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError("nested too deeply") from None
     except ValueError as error:
         # Of tomllib itself, or for a number of thousands of digits, or an impossible date.
-        raise ValueError(str(error).partition(";")[0]) from None
+        raise ValueError(_toml_fault(str(error).partition(";")[0], text)) from None
+
+
+def _toml_fault(message: str, text: str) -> str:
+    """A message of tomllib with the line that it is about, and what would be right."""
+    place = re.search(r"\(at line (\d+), column (\d+)\)\Z", message)
+    if place:
+        # The end of a line counts as the next line's column 0.
+        line = text.splitlines()[: int(place[1]) - (place[2] == "0")][-1:]
+        shown = "".join(letter if letter.isprintable() else "?" for letter in "".join(line).strip()[:LINE_LIMIT])
+        message += f": {shown}"
+    rules = [rule for begin, rule in TOML_RULES.items() if message.startswith(begin)]
+    return "; ".join([message, *rules])
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -94,11 +94,70 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
         (LEAST.replace("cam1", "Cam1"), "observers = 'Cam1': 1 to 64 characters"),
         (LEAST.replace('"dojo"', '"my dojo"'), "scene = 'my dojo': 1 to 64 characters"),
         ('vocabulary = ["a", "a"]\n' + LEAST, "label 'a' occurs twice"),
-        ('vocabulary = "ab"\n' + LEAST, "vocabulary = 'ab': must be a list"),
+        ('vocabulary = "ab"\n' + LEAST, 'vocabulary = \'ab\': must be a list; e.g. vocabulary = ["wave", "clap"]'),
+        ("# nothing yet\n", "empty; `labanmesh init` writes a scene file"),
+        ("[mesh]", 'scene: missing; this key has no default; e.g. scene = "'),
+        (LEAST + '[fusion]\nquorum = "two"', "fusion.quorum = 'two': must be a valid integer; e.g. quorum = 1"),
+        (
+            LEAST + '[fusion]\nquorum = "2"',
+            "fusion.quorum = '2': must be a valid integer; write quorum = 2, without quotes",
+        ),
+        (LEAST + "[fusion]\nstart_s = 90", "fusion.start_s = 90: must be less than or equal to 60; choose 0 to 60"),
+        (LEAST + "view = 30", 'observers.cam1.view = 30: must be text in quotes; write view = "30"'),
+        (
+            LEAST + 'loop = "yes"',
+            "observers.cam1.loop = 'yes': must be true or false; write loop = true, without quotes",
+        ),
+        (LEAST + "rate_hz = true", "observers.cam1.rate_hz = true: must be a valid number; e.g. rate_hz = 15.0"),
+        (LEAST + "size_px = [640]", "observers.cam1.size_px: item 2 is missing; e.g. size_px = [640, 480]"),
+        (LEAST + "quorum = 1", "observers.cam1.quorum: unknown key; it belongs below [fusion]"),
+        (LEAST + "tls = true", "observers.cam1.tls: unknown key; it belongs below [hub.mqtt]"),
+        (
+            'scene = "d"\n[observers]\nsource = "0"',
+            "observers.source = '0': must be a table, which starts with [observers.ID]",
+        ),
     ],
 )
 def test_each_fault_is_one_line_with_file_key_value_and_rule(fault, tmp_path, text, line):
     assert fault(text).startswith(f"{tmp_path / 'scene.toml'}: {line}")
+
+
+@pytest.mark.parametrize(
+    ("line", "way_out"),
+    [
+        ("view = door", 'Invalid value (at line 4, column 8): view = door; text stands in quotes, KEY = "TEXT"'),
+        ('view = "door', "Unterminated string (at end of document); the text in quotes has no end; close the quotes"),
+        (
+            'view = "door\n',
+            "Illegal character '\\n' (at line 4, column 13): view = \"door; the text in quotes has no end",
+        ),
+        ('model = "C:\\Users\\a"', 'Invalid hex value (at line 4, column 14): model = "C:\\Users\\a"; a \\ within'),
+        (
+            "speed = 0,5",
+            "Expected newline or end of document after a statement (at line 4, column 10): speed = 0,5; one KEY",
+        ),
+        (
+            "view: door",
+            "Expected '=' after a key in a key/value pair (at line 4, column 5): view: door; a line is KEY = VALUE",
+        ),
+        (
+            "[observers.cam1]",
+            "Cannot declare ('observers', 'cam1') twice (at line 4, column 16): [observers.cam1]; each",
+        ),
+        (
+            'source = "1"\n',
+            'Cannot overwrite a value (at line 4, column 13): source = "1"; each key stands once; remove one',
+        ),
+        ("\0", "Invalid statement (at line 4, column 1): ?; a line is KEY = VALUE, [SECTION] or # COMMENT"),
+    ],
+)
+def test_what_is_not_toml_names_the_line_and_what_is_right(fault, tmp_path, line, way_out):
+    assert fault(LEAST + line).startswith(f"{tmp_path / 'scene.toml'}: not TOML: {way_out}")
+
+
+def test_line_ends_and_the_mark_of_other_editors_are_read(tmp_path):
+    (tmp_path / "s.toml").write_bytes(b"\xef\xbb\xbf" + LEAST.replace("\n", "\r\n").encode())
+    assert read_scene(tmp_path / "s.toml", {}).scene == "dojo"
 
 
 def test_further_faults_are_counted(fault):
@@ -106,7 +165,9 @@ def test_further_faults_are_counted(fault):
 
 
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
-    with pytest.raises(BadInput, match=r"nothing\.toml: no such file or directory"):
+    with pytest.raises(
+        BadInput, match=r"nothing\.toml: no such file or directory; name a scene file, or let `labanmesh"
+    ):
         read_scene(tmp_path / "nothing.toml", {})
     with pytest.raises(BadInput, match="is a directory"):
         read_scene(tmp_path, {})
