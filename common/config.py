@@ -4,6 +4,7 @@ config_sections.py holds the sections, config_input.py the environment's overrid
 """
 
 import os
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -50,6 +51,7 @@ class Scene(Section):
     metrics: MetricsConfig = MetricsConfig()
     _folder: Path | None = PrivateAttr(default=None)
     _models: Path | None = PrivateAttr(default=None)
+    _file: Path | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _is_consistent(self) -> "Scene":
@@ -122,6 +124,11 @@ class Scene(Section):
         """Whether the scene comes from a scene file, which lies in a folder."""
         return self._folder is not None
 
+    @property
+    def file(self) -> str:
+        """The scene file as it was named, for a command that a person may copy."""
+        return shlex.quote(str(self._file or "SCENE"))
+
     def taught_model(self, observer: str) -> Path:
         """Where teaching writes the model of `observer`, with its takes beside it: the folder MODELS if that is set."""
         path = self.named_model(observer)
@@ -164,7 +171,7 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
         raise BadInput(f"{path}: {describe_fault(error, Scene)}") from None
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
-    scene._folder = path.absolute().parent
+    scene._folder, scene._file = path.absolute().parent, path
     models = (os.environ if environment is None else environment).get(MODELS)
     scene._models = Path(models).expanduser() if models else None
     return scene

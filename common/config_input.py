@@ -10,7 +10,6 @@ from typing import Any, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
-from pydantic_core import ErrorDetails, PydanticUndefined
 
 from common.errors import BadInput
 from common.text import nearest
@@ -49,7 +48,7 @@ def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping
             raise BadInput(f"{variable}: unknown environment variable; {nearest(variable, known)}")
 
 
-def _line(fault: ErrorDetails, model: type[BaseModel]) -> str:
+def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
     place, kind, value = tuple(map(str, fault["loc"])), fault["type"], fault.get("input")
     key = ".".join(place)
     if kind == "extra_forbidden":
@@ -97,8 +96,8 @@ def _example(name: str, field: FieldInfo | None) -> str:
     if field is None:
         return ""
     examples = field.examples or (_in_schema(field, "examples") or {"examples": []})["examples"]
-    example = examples[0] if examples else field.get_default()
-    if example is None or isinstance(example, BaseModel) or example is PydanticUndefined:
+    example = examples[0] if examples else None if field.is_required() else field.get_default()
+    if example is None or isinstance(example, BaseModel):
         return ""
     example = example or (["text"] if isinstance(example, tuple) else "text" if example == "" else example)
     return f"; e.g. {name} = {_toml(example)}"

@@ -1,11 +1,13 @@
 """The verb `labanmesh doctor`: checks everything at once, and says what is wrong and what to do."""
 
 import os
+import re
+import shlex
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -60,6 +62,9 @@ def doctor(
         findings = run_checks([_machine_check(None, ()), Check("cameras", MACHINE_S, _webcam_findings)])
     else:
         findings = _with_scene(scene, here, for_s, settings, test_cameras=test_cameras)
+    name = shlex.quote(str(scene)) if scene else "SCENE"
+    # The commands name the file, so that they can be copied.
+    findings = [replace(each, to_do=re.sub(r"\bSCENE\b", lambda _: name, each.to_do)) for each in findings]
     shown = settings if verbose else ()
     if json:
         typer.echo(as_json(findings, installed_version("labanmesh"), shown))

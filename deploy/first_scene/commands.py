@@ -17,6 +17,9 @@ from deploy.first_scene.scene_text import FirstCamera, scene_text
 
 DEFAULT_NAME = "home"
 LABELS = "wave point clap"
+WITHOUT_WEBCAM = (
+    'its source may also be a film ("film.mp4") or a phone ("rtsp://HOST:PORT/PATH"): docs/guide/cameras.md'
+)
 QUESTION = f"Teach them movements now? Name them, for example: {LABELS}. Enter: later\n> "
 
 
@@ -38,6 +41,7 @@ def init(
     """
     if not file.name.isprintable():
         raise BadInput(f"{str(file)!r}: this name cannot be printed; choose another")
+    _require_new(file)
     cameras = [_named(text, file) for text in source or []] or _found()
     _write(file, scene_text(cameras, shlex.quote(file.name), _scene_name(file)))
     asks = sys.stdin.isatty() and sys.stdout.isatty()
@@ -56,7 +60,7 @@ def _found() -> list[FirstCamera]:
     for webcam in present:
         typer.echo(f"{webcam.place}: {webcam.name or 'a webcam'}")
     if not present:
-        typer.echo("no webcam found: the file has an example instead, change its source, or name one with --source")
+        typer.echo(f"no webcam found: the file has an example; {WITHOUT_WEBCAM}")
     return [first_camera(webcam) for webcam in present]
 
 
@@ -78,6 +82,14 @@ def _named(source: str, file: Path) -> FirstCamera:
             f"--source {source}: no such file or folder; name a webcam (0), an address (rtsp://...) or a film"
         )
     return FirstCamera(source, "# As named with --source.")
+
+
+def _require_new(file: Path) -> None:
+    """Check the file before the cameras are looked for."""
+    if file.exists():
+        raise BadInput(f"{file}: exists already and is not overwritten; name another file")
+    if not file.parent.is_dir():
+        raise LabanmeshError(f"cannot write {file}: no such file or directory. Name another file")
 
 
 def _write(file: Path, text: str) -> None:

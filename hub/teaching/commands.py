@@ -233,7 +233,8 @@ def _teachable(
     if not any(reply.pictures for reply in answers.replies.values()):
         raise LabanmeshError(
             f"no pictures from {', '.join(answers.replies)}: are the cameras plugged in and switched on? "
-            f"labanmesh doctor {file} says why"
+            f"labanmesh doctor {file} says why; without a webcam let the source be a film or a phone: "
+            "docs/guide/cameras.md"
         )
     for name in answers.silent:
         interface.say(f"{name}: does not answer a request to teach; the others are taught without it")

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
     from observer.preview.small_picture import Sighting
+    from observer.tracking.registry import TrackerKind
     from observer.tracks import FrameSource, Tracker
 
 SHOWN_PX = 320
@@ -57,11 +58,14 @@ def look(
     for path in (output, save_skin):
         _require_folder(path)
     last_report = LastReport()
-    opened = _source(source, view, recording, last_report)
     settings = ObserverConfig(
         source=source, view=view, tracker=tracker, pose_model=pose_model, skin=skin, face=_box(face)
     )
-    built, choice = _tracker(settings, saves_skin=save_skin is not None)
+    # Wrong options are reported before a camera is opened, and before mediapipe is loaded for a camera that is absent.
+    parse_view(view)
+    choice, kind = _choice(settings, saves_skin=save_skin is not None)
+    opened = _source(source, view, recording, last_report)
+    built, choice = _tracker(settings, choice, kind)
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     result = look_at(opened, built, frames, name, choice, last_report)
     write_picture(output, result.painted)
@@ -120,19 +124,27 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
     return VirtualCamera(RecordedMotion(archive.body_parts, chosen, speed=0.0), parse_view(view))
 
 
-def _tracker(section: "ObserverConfig", saves_skin: bool) -> "tuple[Tracker, TrackerChoice]":
-    """The tracker, and why it was chosen if that was left open; saves_skin: only camshift learns skin."""
+def _choice(section: "ObserverConfig", saves_skin: bool) -> "tuple[TrackerChoice, TrackerKind]":
+    """Which tracker, and why if that was left open; saves_skin: only camshift learns skin. Raises BadInput."""
     from common.tracker_choice import AUTO, TrackerChoice, chosen_tracker, content_of
-    from observer.geometry.views import parse_view
-    from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
-    from observer.tracks import BODY_PARTS
+    from observer.tracking.registry import tracker_named
 
     choice = chosen_tracker(section)
     if section.tracker == AUTO and content_of(section.source) == "positions":
         choice = TrackerChoice("camshift", "pose models do not find drawn people")
     elif section.tracker == AUTO and saves_skin:
         choice = TrackerChoice("camshift", "--save-skin is set")
-    kind = tracker_named(choice.name, "--tracker", "pictures")
+    return choice, tracker_named(choice.name, "--tracker", "pictures")
+
+
+def _tracker(
+    section: "ObserverConfig", choice: "TrackerChoice", kind: "TrackerKind"
+) -> "tuple[Tracker, TrackerChoice]":
+    """The tracker, and the choice as it came out."""
+    from observer.geometry.views import parse_view
+    from observer.tracking.registry import TrackerSettings, built_tracker
+    from observer.tracks import BODY_PARTS
+
     # From behind, camshift takes the hand on the right of the picture for the right one.
     settings = TrackerSettings(parse_view(section.view), (), BODY_PARTS, section, Path)
     return built_tracker(choice, kind, settings)

@@ -134,7 +134,9 @@ def _check_model(
 
     path = scene.model_file(result.observer)
     if is_untaught(scene, result.observer):
-        result.doubts.append(f"{path}: no such model file; teach it while it runs: labanmesh teach SCENE LABEL ...")
+        result.doubts.append(
+            f"{path}: no such model file; teach it while it runs: labanmesh teach {scene.file} LABEL ..."
+        )
         return
     model = result.attempt(lambda: read_model(path))
     if model is None:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from observer.runtime.scene_inputs import ObserverInputs
 
 log = logging.getLogger("labanmesh.observer")
-NO_MODEL = "no model yet: labanmesh teach SCENE LABEL LABEL ... teaches this camera"
+NO_MODEL = "no model yet: labanmesh teach {} LABEL LABEL ... teaches this camera"
 LESSON_S, IDLE_S = 60.0, 2.0
 """Seconds of tracks that are remembered in a lesson, at least, and outside of one."""
 
@@ -34,7 +34,8 @@ LESSON_S, IDLE_S = 60.0, 2.0
 class TeachableObserver:
     """An `ObserverLike` whose tracks are remembered, and whose model can be taught and replaced while it runs.
 
-    observer: has the model to begin with; None: there is no model yet, and no posterior.
+    observer: has the model to begin with; None: there is no model yet, and no posterior. file: the scene file, for
+    people.
     """
 
     def __init__(
@@ -44,7 +45,9 @@ class TeachableObserver:
         recorder: TracksRecorder,
         teaching: Teaching,
         learner: ModelLearner,
+        file: str,
     ) -> None:
+        self._no_model = NO_MODEL.format(file)
         self._tracker, self._observer = inputs.tracker, observer
         self._recorder, self._teaching, self._learner = recorder, teaching, learner
         self._remembered_s = recorder.memory_s
@@ -58,13 +61,13 @@ class TeachableObserver:
     @property
     def complaint(self) -> str:
         """The tracker's complaint, or that there is no model."""
-        return self._tracker.complaint or ("" if self._observer is not None else NO_MODEL)
+        return self._tracker.complaint or ("" if self._observer is not None else self._no_model)
 
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame; None without a model."""
         if self._learner.removed:
             self._observer, self._learner.removed = None, False
-            log.warning("%s", NO_MODEL)
+            log.warning("%s", self._no_model)
         if (observer := self._learner.ready()) is not None:
             self._observer = observer
             self._tracker.want(observer.body_parts, fewer_parts=True)
@@ -146,7 +149,7 @@ def teachable(
     learner = ModelLearner(takes.path, model, build, scene_model)
     teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id), _clips_of(scene, observer_id))
     try:
-        yield TeachableObserver(inputs, observer, recorder, teaching, learner)
+        yield TeachableObserver(inputs, observer, recorder, teaching, learner, scene.file)
     finally:
         learner.close()
 

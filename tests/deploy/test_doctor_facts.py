@@ -180,6 +180,7 @@ def test_observers_are_examined_in_a_process_of_their_own(tmp_path):
     assert facts.certain and set(facts.reports) == {"a"} and facts.trouble == ""
     faults = " ".join(facts.reports["a"].faults)
     assert "did you mean door?" in faults and "a.model: no such model file; teach it" in facts.reports["a"].doubts[0]
+    assert f"labanmesh teach {path} LABEL" in facts.reports["a"].doubts[0]
 
 
 def test_a_check_that_hangs_or_breaks_is_a_finding_and_the_others_are_reported():

@@ -59,13 +59,14 @@ def test_it_writes_a_file_once(tmp_path, monkeypatch, capsys):
     scene = read_scene(tmp_path / "My Dojo.toml", {})
     assert scene.scene == "my-dojo" and scene.roster == ("cam1", "cam2")
     before = (tmp_path / "My Dojo.toml").read_bytes()
+    monkeypatch.setattr(commands, "webcams", lambda: pytest.fail("the file is checked before cameras are looked for"))
     with pytest.raises(BadInput, match="exists already and is not overwritten"):
         init(tmp_path / "My Dojo.toml")
     assert (tmp_path / "My Dojo.toml").read_bytes() == before
 
 
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(commands, "webcams", list)
+    monkeypatch.setattr(commands, "webcams", lambda: pytest.fail("the folder is checked first"))
     with pytest.raises(LabanmeshError, match=r"^cannot write .*: no such file or directory\. Name another file"):
         init(tmp_path / "no" / "scene.toml")
     with pytest.raises(BadInput, match="cannot be printed"):

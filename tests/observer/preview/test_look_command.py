@@ -74,6 +74,9 @@ def test_a_marked_face_is_enough(run, waving):
         ("gone.npz", "gone.npz"),
         ("motion.npz --tracker camshaft", "did you mean camshift"),
         ("motion.npz --tracker projected", "--tracker = 'projected'"),
+        # The options first, and then whether there is such a camera.
+        ("99 --tracker camshaft", "did you mean camshift"),
+        ("99 --view dor", "did you mean door"),
         ("motion.npz --view dor", "did you mean door?"),
         ("motion.npz --recording 1", "has recordings 0 to 0"),
         ("motion.npz --face 1,2,3", "X,Y,WIDTH,HEIGHT"),
