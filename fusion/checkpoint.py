@@ -1,6 +1,7 @@
-"""Checkpoints: a fusion service continues a scene where it, or another service, stopped. And the file for them.
+"""Checkpoints, from which a fusion service continues a scene where it or another service stopped, and their file.
 
-A restart neither loses nor doubles the movement in progress, nor forgets the learned reliability of the observers.
+The design: fusion.md, "Several services". A restart neither loses nor doubles the movement in progress, nor forgets the
+learned reliability of the observers.
 
 The file has one JSON object per line. The first line is a whole checkpoint; each further line replaces those of its
 parts that have changed. A last line that was cut off, as by a kill, is left out.
@@ -26,10 +27,10 @@ log = logging.getLogger("labanmesh.fusion")
 NOTHING_LEARNED = Reliability()
 SUFFIX = ".memory.json"
 FILE_LIMIT = 64 * 1024
-"""A file that is longer begins anew with the next line."""
+"""Bytes; a file that is longer is replaced by one with the whole checkpoint."""
 SELDOM_CHANGED = ("verdict", "reliability")
 FORGET_S = 30.0
-"""A movement that was in progress this long ago is over, and how it ended is unknown."""
+"""A movement that was in progress so long ago is over; how it ended is unknown."""
 
 
 class Checkpoint(BaseModel):
@@ -68,12 +69,12 @@ def unfinished(judgement: JudgementMessage | None, verdict: VerdictMessage | Non
 class CheckpointFile:
     """The file `fusion.memory` of one scene; each fault is logged once, and the service continues without the file.
 
-    siblings: how the file names of all services of the scene begin, of which the newest is read: the service that
-    wrote last was the owner last. "": there is one file.
+    siblings: the common beginning of the file names of all services of the scene, of which the newest is read: the
+    service that wrote last was the owner last. "": there is one file.
     """
 
     def __init__(self, path: Path, own: str = "", siblings: str = "") -> None:
-        # Services on one machine may share a file that the scene file names: then each begins it anew.
+        # Services on one machine may share a file that the scene file names; each then replaces it.
         self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
         self._written: tuple[OngoingMovement | None, int] | None = None
         self._last: Checkpoint | None = None
@@ -97,10 +98,12 @@ class CheckpointFile:
 
     def read(self, scene: str) -> Checkpoint | None:
         """The newest checkpoint of `scene`, however old; None when there is no file, or not one of this scene."""
-        known = [checkpoint for path in self._paths() if (checkpoint := self._read(path)) is not None]
-        return max(
-            (one for one in known if one.judgement.scene == scene), key=lambda one: one.judgement.at_ns, default=None
-        )
+        checkpoints = [
+            checkpoint
+            for path in self._paths()
+            if (checkpoint := self._read(path)) is not None and checkpoint.judgement.scene == scene
+        ]
+        return max(checkpoints, key=lambda checkpoint: checkpoint.judgement.at_ns, default=None)
 
     def _paths(self) -> list[Path]:
         if not self._siblings:
@@ -129,15 +132,15 @@ class CheckpointFile:
     def write(self, checkpoint: Checkpoint) -> None:
         """Write if it is due.
 
-        Not synced: that may take a second on an SD card, and judgements would wait. What a loss of power costs is a
-        movement in progress, and weights that are learned anew; a damaged file is reported and not used.
+        Not synced: that may take a second on an SD card, and judgements would wait. A loss of power costs the movement
+        in progress and the learned reliability; a damaged file is reported and not used.
         """
         if not self.is_due(checkpoint.judgement):
             return
         self._written = _written_state(checkpoint.judgement)
         try:
             if not self._append(checkpoint):
-                self._begin_anew(checkpoint)
+                self._replace(checkpoint)
             self._last = checkpoint
         except OSError as error:
             self._last = None
@@ -151,7 +154,7 @@ class CheckpointFile:
     def _append(self, checkpoint: Checkpoint) -> bool:
         """Add a line with what has changed; False if the whole checkpoint has to be written.
 
-        That is so at the first time, when the file is long enough, and when somebody else has changed it.
+        That is so at the first time, when the file is long enough, and when another process has changed it.
         """
         last = self._last
         if last is None or self._stamp.size > FILE_LIMIT:
@@ -172,7 +175,7 @@ class CheckpointFile:
             os.close(descriptor)
         return True
 
-    def _begin_anew(self, checkpoint: Checkpoint) -> None:
+    def _replace(self, checkpoint: Checkpoint) -> None:
         """Replace the file by one with the whole checkpoint; raises OSError."""
         with self._temporary.open("wb") as file:
             file.write(_line(checkpoint))
@@ -182,7 +185,7 @@ class CheckpointFile:
 
 
 class _FileStamp(NamedTuple):
-    """What tells whether a file is as it was left: its inode, its size in bytes, the time of its last change."""
+    """Shows whether a file is as it was left: its inode, its size in bytes, the time of its last change."""
 
     inode: int
     size: int
@@ -195,6 +198,7 @@ class _FileStamp(NamedTuple):
 
 
 def _written_state(judgement: JudgementMessage) -> tuple[OngoingMovement | None, int]:
+    """The part of a judgement whose change makes a new checkpoint due: the movement, and the second of it."""
     movement = judgement.movement
     return movement, 0 if movement is None else judgement.at_ns // SECOND_NS
 
@@ -205,8 +209,8 @@ def _line(checkpoint: Checkpoint, without: AbstractSet[str] = frozenset()) -> by
     A restarted service needs the number, the time and the movement of the last judgement, not the votes.
     """
     judgement = checkpoint.judgement.model_copy(update={"votes": {}, "facets": None, "why": None})
-    own = checkpoint.model_copy(update={"judgement": judgement})
-    return own.model_dump_json(by_alias=True, exclude=set(without)).encode() + b"\n"
+    line = checkpoint.model_copy(update={"judgement": judgement})
+    return line.model_dump_json(by_alias=True, exclude=set(without)).encode() + b"\n"
 
 
 def _merged(text: str) -> dict[str, Any]:

@@ -22,10 +22,10 @@ from common.vocabulary import Vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.ownership import Ownership, Role
-from fusion.same_id import TwinWatch
+from fusion.same_id import SameIdWatch
+from fusion.same_id_detection import SameIdDetector, Stance
 from fusion.scene_worker import SceneWorker, Service
 from fusion.standby import HandoverRequest, StandbyListener
-from fusion.twins import Stance, Twins
 from fusion.vocabulary_lookup import VocabularyLookup
 
 log = logging.getLogger("labanmesh.fusion")
@@ -49,7 +49,8 @@ class SceneMember:
         if not ranked:
             takeover_s = max(takeover_s, SHARED_TAKEOVER_S)
         self.ownership = Ownership(service.own, scene.scene, ranked, takeover_s)
-        self._warm = len(ranked) > 1
+        self._is_warm = len(ranked) > 1
+        """Whether this service fuses also while it stands by."""
         self._file = CheckpointFile.of(scene, service.own)
         self.vocabulary = scene.named_vocabulary
         self._is_named = self.vocabulary is not None
@@ -65,13 +66,13 @@ class SceneMember:
         )  # fmt: skip
         self._session.announce(scene.keys.fusion_alive(service.own))
         self._services = self._session.presence(scene.keys.fusion_alive(), map(scene.keys.fusion_alive, scene.services))
-        twins = Twins(service.session, service.ticks(), takeover_s)
-        self._twins, self._has_twin = TwinWatch(self._session, scene.keys, service.own, twins), False
+        detector = SameIdDetector(service.session, service.ticks(), takeover_s)
+        self._same_id, self._id_is_shared = SameIdWatch(self._session, scene.keys, service.own, detector), False
         self._alive: frozenset[str] | None = None
         self._listener: StandbyListener | None = None
         self.worker: SceneWorker | None = None
         self._request: HandoverRequest | None = None
-        self._handed_over: Checkpoint | None = None
+        self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
 
@@ -87,12 +88,12 @@ class SceneMember:
         if self.worker is not None:
             self.worker.poll_requests()
         self._follow_vocabulary()
-        self.ownership.update(now_s, lambda: self._hears(now_s))
-        self._follow_twins(now_s)
+        self.ownership.update(now_s, lambda: self._is_connected(now_s))
+        self._follow_same_id(now_s)
         if self._request is not None:
             self._request.poll()
             if self._request.finished:
-                self.ownership.handed_over()
+                self.ownership.complete_handover()
         self._follow_role()
         return self.worker
 
@@ -116,9 +117,10 @@ class SceneMember:
     def _take_from_services(self, now_s: float) -> None:
         self._session.poll()
         if self._listener is not None:
-            for message in self._listener.messages(now_s, self.vocabulary, every=self._warm or self.role is Role.OWNER):
+            every = self._is_warm or self.role is Role.OWNER
+            for message in self._listener.messages(now_s, self.vocabulary, every=every):
                 if message is None:
-                    self.ownership.sign_of_life(now_s)
+                    self.ownership.record_heartbeat(now_s)
                 elif message.fusion == self._service.own:
                     self._take_own(message, now_s)
                 else:
@@ -129,9 +131,9 @@ class SceneMember:
             self.ownership.set_alive(map(service_of, self._alive), now_s)
 
     def _take_judgement(self, message: JudgementMessage, now_s: float) -> None:
-        """A message of another service: follow it, stand down for it, or take over what it leaves."""
+        """Take a message of another service: follow it, stand down for it, or continue its movement."""
         was_owner = self.role is Role.OWNER
-        follows = self.ownership.published(message.fusion, message.epoch or 0, now_s)
+        follows = self.ownership.record_message(message.fusion, message.epoch or 0, now_s)
         if self.worker is None:
             return
         if follows:
@@ -142,18 +144,18 @@ class SceneMember:
             self.worker.adopt(message)
 
     def _take_own(self, message: JudgementMessage, now_s: float) -> None:
-        """A message under the id of this service: of another process that lives, it is as one of another service."""
-        if self._twins.heard(message, now_s) and self.worker is not None:
-            if self._twins.stance is Stance.STAND_BY:
+        """Take a message under this service's own id: one of another process that runs is as one of another service."""
+        if self._same_id.record_judgement(message, now_s) and self.worker is not None:
+            if self._same_id.stance is Stance.STAND_BY:
                 self.worker.follow(message)
             elif self.role is Role.OWNER:
                 self.worker.adopt(message)
 
-    def _follow_twins(self, now_s: float) -> None:
-        """Stand by for another process of this id, or publish again; raises SameIdError in one that is to end."""
-        before = self._twins.stance
-        self._has_twin = self._twins.update(self.ownership.epoch if self.role is Role.OWNER else None, now_s)
-        if self.worker is not None and self._twins.stance is Stance.STAND_BY is not before:
+    def _follow_same_id(self, now_s: float) -> None:
+        """Stand by for another process with this id, or publish again; raises SameIdError in one that is to end."""
+        before = self._same_id.stance
+        self._id_is_shared = self._same_id.update(self.ownership.epoch if self.role is Role.OWNER else None, now_s)
+        if self.worker is not None and self._same_id.stance is Stance.STAND_BY is not before:
             self.worker.stand_down()
 
     def _follow_vocabulary(self) -> None:
@@ -185,9 +187,9 @@ class SceneMember:
             self._lookup.close()
             self._lookup = None
 
-    def _hears(self, now_s: float) -> bool:
-        """Whether this service can reach others: it is connected, and observers that are there can be heard."""
-        return self._service.link.connected and (self.worker is None or self.worker.hears(now_s))
+    def _is_connected(self, now_s: float) -> bool:
+        """Whether this service can reach others: its link is connected, and posteriors of present observers arrive."""
+        return self._service.link.connected and (self.worker is None or self.worker.is_receiving(now_s))
 
     def _follow_role(self) -> None:
         role, owner = self.role, self.ownership.owner
@@ -195,19 +197,19 @@ class SceneMember:
             self._set_listening(role is not Role.IDLE)
         if role is Role.REQUESTING and self._request is None and owner is not None:
             self._request = HandoverRequest(self.scene, self._service.link, self._service.own, owner)
-        fuses = role in (Role.OWNER, Role.REQUESTING) or (role is Role.STANDBY and self._warm)
+        fuses = role in (Role.OWNER, Role.REQUESTING) or (role is Role.STANDBY and self._is_warm)
         if fuses and self.worker is None:
             self._activate()
-        elif not fuses and self.worker is not None and self.worker.settle():
+        elif not fuses and self.worker is not None and self.worker.reconcile():
             self.worker.close()
             self.worker = None
         if self.worker is not None:
             if role is Role.OWNER and not self.worker.restored:
                 self._restore(self.worker)
-            self.worker.owns = role is Role.OWNER and self._twins.stance is Stance.GO_ON
-            self.worker.fuses = self._warm or role is Role.OWNER
+            self.worker.owns = role is Role.OWNER and self._same_id.stance is Stance.GO_ON
+            self.worker.fuses = self._is_warm or role is Role.OWNER
             self.worker.epoch = self.ownership.epoch
-            self.worker.settle()
+            self.worker.reconcile()
         if role is not Role.REQUESTING and self._request is not None:
             self._request.close()
             self._request = None
@@ -230,36 +232,37 @@ class SceneMember:
             self._end_lookup()
         engine = self._new_engine(self.vocabulary)
         self.worker = SceneWorker(self.scene, self._service, engine, self.status, self._file, self._hand_over)
-        if self._warm and self._file is not None and (state := self._file.read(self.scene.scene)) is not None:
-            # Before the first posterior: later the engine has a movement of its own.
-            self.worker.restore(state)
+        if self._is_warm and self._file is not None and (checkpoint := self._file.read(self.scene.scene)) is not None:
+            # Before the first posterior; after it the engine has a movement of its own.
+            self.worker.restore(checkpoint)
 
-    def _restore(self, active: SceneWorker) -> None:
-        """Continue from the newest state: handed over, published by the last owner, given away, or in the file."""
-        states = [
+    def _restore(self, worker: SceneWorker) -> None:
+        """Continue from the newest checkpoint: of the answer to the request, the last owner's messages, the last
+        handover, or the file."""
+        checkpoints = [
             self._request.checkpoint() if self._request is not None else None,
             self._listener.checkpoint() if self._listener is not None else None,
-            self._handed_over,
+            self._handover_checkpoint,
             self._file.read(self.scene.scene) if self._file is not None else None,
         ]
-        known = [state for state in states if state is not None]
-        active.restored = True
+        known = [checkpoint for checkpoint in checkpoints if checkpoint is not None]
+        worker.restored = True
         if known:
             # Of equally new ones the first: a handover has more than a judgement.
-            active.restore(max(known, key=lambda state: state.judgement.at_ns))
+            worker.restore(max(known, key=lambda checkpoint: checkpoint.judgement.at_ns))
 
     def _hand_over(self, requester: str) -> bytes | None:
-        if self.worker is None or not self.ownership.give_to(requester, self._service.ticks()):
+        if self.worker is None or not self.ownership.hand_over_to(requester, self._service.ticks()):
             return None
-        self._handed_over = self.worker.checkpoint()
+        self._handover_checkpoint = self.worker.checkpoint()
         log.info("%s: handed over to %s", self.scene.scene, requester)
-        return b"" if self._handed_over is None else self._handed_over.to_json().encode()
+        return b"" if self._handover_checkpoint is None else self._handover_checkpoint.to_json().encode()
 
     def _report(self) -> None:
         if self.role is Role.IDLE:
             self._reason = None
             return
-        if self._has_twin:
+        if self._id_is_shared:
             reason = SAME_ID_REASON
         elif self.role is Role.OWNER:
             reason = ASKING if self.worker is None else ""

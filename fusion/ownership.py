@@ -1,5 +1,7 @@
 """Which fusion service publishes for a scene: one state machine for standby services and for shared scenes. Pure.
 
+The design: fusion.md, "Several services" and "Many scenes".
+
 1. The services of a scene that are alive are ranked, in every process in the same way: in the order of the scene file,
    or, when the file names no standby services, by rendezvous hashing (Thaler and Ravishankar, 1998): each service has
    a weight in each scene, a hash of both names. A service that comes or goes moves only its own share of the scenes.
@@ -13,10 +15,10 @@
 5. Every owner has an epoch, one higher than any epoch it has received. If two services publish, after a network was
    split for example, the one with the lower epoch stands by as soon as it hears the other; at the same epoch the one
    with the lower rank does.
-6. A service that has lost its own connection, or hears none of the observers that are there, does not take over: it
-   could reach nobody. It listens for `takeover_s` after that, also in a shared scene where it knows of no other service
-   any more: their tokens disappeared with the connection, and come back in any order.
-7. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
+6. A service that has lost its own connection, or receives nothing from any present observer, does not take over: it
+   could reach no listener. It listens for `takeover_s` after that, also in a shared scene where it knows of no other
+   service any more: their tokens disappeared with the connection, and come back in any order.
+7. A service that took no step for `takeover_s` (SIGSTOP, swapped out) listens for as long before it publishes again,
    because another service may be the owner by now. A service that knows of no other one goes on at once. One that
    stands by waits twice as long for the owner, which may have been stopped too, and then goes on whatever its rank.
 
@@ -28,11 +30,15 @@ from collections.abc import Callable, Iterable
 from enum import Enum
 
 EPOCHS_AHEAD = 1_000_000
-"""An epoch rises by one with each takeover; one that is higher by more is a forgery, and its successor overflows."""
+"""An epoch rises by one with each takeover; one that is higher by more is a forgery, and its successor may overflow."""
 
 
 class Role(Enum):
-    """What a service does for a scene."""
+    """What a service does for a scene.
+
+    IDLE: not next in rank, so that it does not listen. STANDBY: it listens. REQUESTING: it asks the owner for the
+    scene. OWNER: it publishes.
+    """
 
     IDLE = "idle"
     STANDBY = "standby"
@@ -46,6 +52,7 @@ def rendezvous_rank(scene: str, services: Iterable[str]) -> tuple[str, ...]:
 
 
 def _weight(scene: str, service: str) -> bytes:
+    """The weight of a service in a scene (rule 1)."""
     # No name contains a space, so no two pairs give the same text.
     return hashlib.blake2b(f"{scene} {service}".encode(), digest_size=16).digest()
 
@@ -62,8 +69,8 @@ class Ownership:
         self._others: frozenset[str] = frozenset()
         self._silent: frozenset[str] = frozenset()
         self._has_met_others = self._was_owner = False
-        self._quiet_since_s = 0.0
-        self._slept_s = self._cut_off_s = float("-inf")
+        self._silent_since_s = 0.0
+        self._resumed_s = self._disconnected_s = float("-inf")
         self._updated_s: float | None = None
         self.role = Role.IDLE
         self.owner: str | None = None
@@ -81,10 +88,10 @@ class Ownership:
         self._silent &= present
         if self.owner in gone:
             # Rule 3: the first of the others need not wait.
-            self.owner, self._quiet_since_s = None, now_s - self._takeover_s
+            self.owner, self._silent_since_s = None, now_s - self._takeover_s
 
-    def published(self, service: str, epoch: int, now_s: float) -> bool:
-        """Another service published; returns whether it is the owner to follow.
+    def record_message(self, service: str, epoch: int, now_s: float) -> bool:
+        """Take a message that another service published; returns whether that service is the owner to follow.
 
         A message of a service whose liveliness token has disappeared is its last one and changes nothing; so does one
         whose epoch no service can have reached.
@@ -94,102 +101,108 @@ class Ownership:
         rival = self._own if self.role is Role.OWNER else self.owner
         if rival not in (None, service) and not self._precedes(service, epoch, rival):
             return False
-        if rival is None and epoch < self.epoch and self._is_just_woken(now_s):
-            # It was the owner before this service was; following each other, both would be silent.
+        if rival is None and epoch < self.epoch and self._has_just_resumed(now_s):
+            # It was the owner before this service was. If each followed the other, neither would publish.
             return False
         self._silent -= {service}
         self._was_owner = False
         if self.role is Role.OWNER:
             self.role = Role.STANDBY
-        self.owner, self.epoch, self._quiet_since_s = service, max(epoch, self.epoch), now_s
+        self.owner, self.epoch, self._silent_since_s = service, max(epoch, self.epoch), now_s
         return True
 
     def is_present(self, service: str) -> bool:
         """Whether the liveliness token of another service exists."""
         return service in self._others
 
-    def sign_of_life(self, now_s: float) -> None:
-        """Something was published that was not read; the owner, if it is known, is not silent."""
+    def record_heartbeat(self, now_s: float) -> None:
+        """Take a message that was not decoded: the owner, if it is known, is not silent."""
         if self.role is not Role.OWNER:
-            self._quiet_since_s = now_s
+            self._silent_since_s = now_s
 
     def update(self, now_s: float, connected: Callable[[], bool] = lambda: True) -> Role:
         """Follow the rules at one step; to be called at every step, after everything that has arrived was taken.
 
-        connected: whether this process can reach any other now.
+        connected: whether this process can reach any other now (rule 6).
         """
-        slept = self._updated_s is None or now_s - self._updated_s > self._takeover_s
-        if slept and self._updated_s is not None:
-            self._slept_s = now_s
+        was_suspended = self._updated_s is None or now_s - self._updated_s > self._takeover_s
+        if was_suspended and self._updated_s is not None:
+            self._resumed_s = now_s
         self._updated_s = now_s
         if self._ranked == (self._own,):
-            self._own_it()
-        elif slept and self._may_have_others(now_s):
+            self._become_owner()
+        elif was_suspended and self._others_may_exist(now_s):
             self._was_owner = self.role is Role.OWNER
-            self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
+            self.role, self.owner, self._silent_since_s = Role.STANDBY, None, now_s
         elif self.role is not Role.OWNER:
             self._follow_rank(now_s, connected)
         return self.role
 
-    def handed_over(self) -> None:
-        """The owner has handed over, or did not answer: become the owner."""
+    def complete_handover(self) -> None:
+        """Become the owner: the previous one has handed over, or did not answer."""
         if self.role is Role.REQUESTING:
-            self._own_it()
+            self._become_owner()
 
-    def give_to(self, service: str, now_s: float) -> bool:
-        """`service` asks for the scene; returns whether it gets it (rule 4)."""
+    def hand_over_to(self, service: str, now_s: float) -> bool:
+        """Hand the scene over to `service`, which has asked for it, if rule 4 allows; returns whether it does."""
         if self._ranked or self.role is not Role.OWNER or service not in self._others:
             return False
         if self._rank((self._own, service))[0] != service:
             return False
-        self.role, self.owner, self._quiet_since_s = Role.STANDBY, service, now_s
+        self.role, self.owner, self._silent_since_s = Role.STANDBY, service, now_s
         return True
 
     def _follow_rank(self, now_s: float, connected: Callable[[], bool]) -> None:
         if not connected():
-            self._quiet_since_s = self._cut_off_s = now_s
-        quiet_s = now_s - self._quiet_since_s
-        # Rule 7 may have stopped the owner too, which then comes back first.
-        if self.owner is not None and quiet_s > self._takeover_s * (2 if self._is_just_woken(now_s) else 1):
+            self._silent_since_s = self._disconnected_s = now_s
+        silent_s = now_s - self._silent_since_s
+        # The owner may have been stopped too (rule 7), and then it comes back first.
+        if self.owner is not None and silent_s > self._takeover_s * (2 if self._has_just_resumed(now_s) else 1):
             self._silent |= {self.owner}
             self.owner = None
-        place = self._rank({self._own, *self._others} - self._silent).index(self._own)
-        if place > 1 and not self._ranked:
+        rank = self._rank({self._own, *self._others} - self._silent).index(self._own)
+        if rank > 1 and not self._ranked:
             self.role, self.owner = Role.IDLE, None
-        elif self.role is Role.IDLE and self._may_have_others(now_s):
+        elif self.role is Role.IDLE and self._others_may_exist(now_s):
             # It begins to listen now.
-            self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
+            self.role, self.owner, self._silent_since_s = Role.STANDBY, None, now_s
         elif self.owner is None:
-            turn = 0 if self._was_owner else place
-            waits_s = self._takeover_s * (1 + turn) if self._may_have_others(now_s) else 0.0
+            # An owner that was suspended goes on first, whatever its rank (rule 7).
+            turn = 0 if self._was_owner else rank
+            waits_s = self._takeover_s * (1 + turn) if self._others_may_exist(now_s) else 0.0
             self.role = Role.STANDBY
-            if connected() and quiet_s >= waits_s:
-                self._own_it()
-        elif place == 0 and not self._ranked:
+            if connected() and silent_s >= waits_s:
+                self._become_owner()
+        elif rank == 0 and not self._ranked:
             self.role = Role.REQUESTING
         else:
             self.role = Role.STANDBY
 
-    def _is_just_woken(self, now_s: float) -> bool:
-        return now_s - self._slept_s < 4 * self._takeover_s
+    def _has_just_resumed(self, now_s: float) -> bool:
+        """Whether this process was suspended lately (rule 7), for some takeover times."""
+        return now_s - self._resumed_s < 4 * self._takeover_s
 
-    def _may_have_others(self, now_s: float) -> bool:
-        """Whether another service may own the scene; one that the scene file names, or that was known before this one
-        lost its connection, may be out of reach."""
-        is_back = self._has_met_others and now_s - self._cut_off_s < self._takeover_s
-        return bool(self._others) or len(self._ranked) > 1 or is_back
+    def _others_may_exist(self, now_s: float) -> bool:
+        """Whether another service may own the scene.
 
-    def _own_it(self) -> None:
+        One that the scene file names, or that was known before this one lost its connection, may be out of reach.
+        """
+        has_reconnected = self._has_met_others and now_s - self._disconnected_s < self._takeover_s
+        return bool(self._others) or len(self._ranked) > 1 or has_reconnected
+
+    def _become_owner(self) -> None:
         self._was_owner = False
         if self.role is not Role.OWNER:
             self.role, self.owner, self.epoch = Role.OWNER, self._own, self.epoch + 1
 
     def _precedes(self, service: str, epoch: int, rival: str | None) -> bool:
+        """Whether `service` stays the owner, and `rival` stands by (rule 5)."""
         if epoch != self.epoch or rival is None:
             return epoch > self.epoch
         return self._rank((service, rival))[0] == service
 
     def _rank(self, services: Iterable[str]) -> tuple[str, ...]:
+        """The services in their order (rule 1), the first in rank first."""
         if self._ranked:
             return tuple(service for service in self._ranked if service in set(services))
         return rendezvous_rank(self._scene, services)

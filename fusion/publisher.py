@@ -15,18 +15,18 @@ from fusion.checkpoint import Checkpoint, CheckpointFile, unfinished
 from fusion.engine.engine import FusionEngine
 
 log = logging.getLogger("labanmesh.fusion")
-VERDICTS_KEPT = 10
+VERDICTS_LIMIT = 10
 """Late joiners receive this many of the last verdicts."""
-UNNOTICED_S = 0.5
-"""A verdict that was sent so shortly before the link was seen to be down may not have arrived."""
-SETTLE_S = 0.3
-"""After a router is back all processes that try to reconnect have done so."""
-FIRST = 20
-"""Judgements that are published with full votes in any case: who subscribes is known only a moment after the start."""
+DETECTION_S = 0.5
+"""A link may have been down for so long before this process noticed; what it sent meanwhile may be lost."""
+RECONNECTION_S = 0.3
+"""So long after a router is back, all processes that try to reconnect have done so."""
+FULL_VOTES_AT_START = 20
+"""Judgements published with full votes in any case: subscribers are known only a moment after the start."""
 ASK_EVERY = 30
-"""After so many judgements Zenoh is asked again who subscribes to full votes: 70 us among 250 busy scenes."""
-KNOWN_LIMIT = 64
-"""Movements of which it is remembered that they had a verdict."""
+"""Judgements between two questions to Zenoh whether full votes have a subscriber: 70 us among 250 busy scenes."""
+PUBLISHED_IDS_LIMIT = 64
+"""Movements that are remembered to have had a verdict."""
 
 
 def put_now(publisher: Publisher, payload: bytes) -> None:
@@ -70,7 +70,7 @@ class VerdictPublisher:
     ) -> None:
         self._judgements, self._votes = session.publisher(keys.judgement), session.publisher(keys.votes)
         self._full_votes, self._put = full_votes, put
-        self._judged, self._votes_wanted = 0, False
+        self._judgement_count, self._has_votes_subscriber = 0, False
         self._verdicts = session.publisher(keys.verdict)
         self._vocabularies = session.publisher(keys.vocabulary)
         self._engine, self._file = engine, file
@@ -78,37 +78,37 @@ class VerdictPublisher:
         self._last_verdict: VerdictMessage | None = None
         self._judgement_payload: bytes | None = None
         self._verdict_payloads: tuple[bytes, ...] = ()
-        self._known: deque[str] = deque(maxlen=KNOWN_LIMIT)
+        self._published_ids: deque[str] = deque(maxlen=PUBLISHED_IDS_LIMIT)
         self.answers = False
         """Whether queries are answered: by the owner alone."""
         session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
         session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
 
     def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage) -> None:
-        """Send the verdicts, then the judgement; before that with full votes, if anybody wants them.
+        """Send the verdicts, then the judgement; before that with full votes, if they have a subscriber.
 
-        The file knows of a first word before it is sent, and of an end after: a service that is killed in between ends
-        the movement after its restart, perhaps once more, and hubs ignore the second of two equal words.
+        A decision is written to the file before it is sent, and an end after: a service that is killed in between ends
+        the movement after its restart, perhaps once more, and hubs ignore the second of two equal verdicts.
         """
         ended = max((n for n, verdict in enumerate(verdicts, 1) if verdict.ended_ns is not None), default=0)
         payloads = [self._note(verdict) for verdict in verdicts]
         self._send(verdicts[:ended], payloads[:ended])
-        judgement_payload, has_first_word = self._note(judgement), len(verdicts) > ended
-        if has_first_word:
+        judgement_payload, has_decision = self._note(judgement), len(verdicts) > ended
+        if has_decision:
             self._write()
         self._send(verdicts[ended:], payloads[ended:])
         self._put_full_votes(judgement)
         self._put(self._judgements, judgement_payload)
-        if not has_first_word:
-            # Nobody has to wait for the disk.
+        if not has_decision:
+            # No listener has to wait for the disk.
             self._write()
 
     def _put_full_votes(self, judgement: JudgementMessage) -> None:
-        if self._judged % ASK_EVERY == 0:
-            self._votes_wanted = self._votes.has_subscriber
-        if self._votes_wanted or self._judged < FIRST:
+        if self._judgement_count % ASK_EVERY == 0:
+            self._has_votes_subscriber = self._votes.has_subscriber
+        if self._has_votes_subscriber or self._judgement_count < FULL_VOTES_AT_START:
             self._votes.put(encode(judgement, full=True))
-        self._judged += 1
+        self._judgement_count += 1
 
     def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes]) -> None:
         for verdict, payload in zip(verdicts, payloads, strict=True):
@@ -116,7 +116,7 @@ class VerdictPublisher:
             _log(verdict)
 
     def close(self, verdict: VerdictMessage) -> None:
-        """Send the end of a movement after which this service publishes nothing more; it is no owner's last verdict."""
+        """Send the end of the movement in which this service stood down. Late joiners do not receive it."""
         self._verdicts.put(encode(verdict))
         _log(verdict)
 
@@ -136,9 +136,9 @@ class VerdictPublisher:
     def _note(self, message: JudgementMessage) -> bytes:
         payload = encode(message, self._full_votes)
         if isinstance(message, VerdictMessage):
-            self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_KEPT:]
+            self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_LIMIT:]
             self._last_verdict = message
-            self._known.append(message.id)
+            self._published_ids.append(message.id)
             return payload
         self._last_judgement, self._judgement_payload = message, payload
         return payload
@@ -151,7 +151,7 @@ class VerdictPublisher:
 
     def knows(self, movement_id: str) -> bool:
         """Whether a verdict on this movement was published lately, by this service or an owner that it followed."""
-        return movement_id in self._known
+        return movement_id in self._published_ids
 
     @property
     def unfinished(self) -> VerdictMessage | None:
@@ -164,12 +164,12 @@ class VerdictPublisher:
         return self._judgement_payload
 
     def repeat(self, judgement: bytes | None) -> None:
-        """Send a judgement once more, for a service that did not hear it."""
+        """Send a judgement once more, for a service that did not receive it."""
         if judgement is not None:
             self._judgements.put(judgement)
 
     def repeat_verdict(self) -> None:
-        """Send the last verdict once more; listeners that have it ignore the second of two equal words."""
+        """Send the last verdict once more; listeners ignore the second of two equal verdicts."""
         for payload in self._verdict_payloads[-1:]:
             self._verdicts.put(payload)
 
@@ -196,23 +196,24 @@ class VerdictPublisher:
 
 
 class Reachability:
-    """Whether listeners receive what is published now: not while the link is down, nor for SETTLE_S after.
+    """Whether listeners receive what is published now: not while the link is down, nor for RECONNECTION_S after.
 
-    Zenoh drops messages without a connection. Listeners reconnect within the pauses between their attempts.
+    Zenoh drops messages without a connection. Listeners reconnect within the pauses between their attempts. Times are
+    seconds of a monotonic clock.
     """
 
     def __init__(self) -> None:
-        self._down_s: float | None = None
-        self._lost_s = self._lost_from_s = float("inf")
+        self._last_down_s: float | None = None
+        self._down_since_s = self._lost_from_s = float("inf")
 
     def update(self, connected: bool, now_s: float) -> bool:
-        """To be called at every step."""
+        """Take whether the link is connected, at every step; returns whether listeners can be reached."""
         if not connected:
-            self._lost_s = now_s if self._down_s is None else self._lost_s
-            self._down_s = now_s
-        elif self._down_s is not None and now_s - self._down_s >= SETTLE_S:
-            self._down_s, self._lost_from_s = None, self._lost_s - UNNOTICED_S
-        return self._down_s is None
+            self._down_since_s = now_s if self._last_down_s is None else self._down_since_s
+            self._last_down_s = now_s
+        elif self._last_down_s is not None and now_s - self._last_down_s >= RECONNECTION_S:
+            self._last_down_s, self._lost_from_s = None, self._down_since_s - DETECTION_S
+        return self._last_down_s is None
 
     def was_lost(self, sent_s: float) -> bool:
         """Whether what was sent then may not have arrived; True once after each time without a connection."""

@@ -1,4 +1,7 @@
-"""A second process with this fusion service's id: at the start, and while both run. twins.py decides."""
+"""Notices a second process with this fusion service's id, at the start and while both run.
+
+The decisions are those of same_id_detection.py.
+"""
 
 import logging
 import threading
@@ -15,14 +18,15 @@ from common.message_types import SAME_ID_REASON
 from common.messages import JudgementMessage, StatusMessage
 from common.subsession import SubSession
 from common.wire import BadMessage, decode_from
-from fusion.twins import ANSWERS, ASK_EVERY_S, Stance, Twins
+from fusion.same_id_detection import ANSWERS, ASK_EVERY_S, SameIdDetector, Stance
 
 log = logging.getLogger("labanmesh.fusion")
-LIVING = ("starting", "running", "degraded")
-SETTLE_S = 0.15
-"""After opening a link it takes at most this long to know whether a service of the same id is alive."""
+RUNNING = ("starting", "running", "degraded")
+"""States in which a process that answers is not about to end."""
+DISCOVERY_S = 0.15
+"""After a link has opened, the liveliness tokens of other processes are known after at most so long."""
 TOKEN_TIMEOUT_S = 2.5
-"""The token of a service that was killed outlives it by its lease, at most 2 s."""
+"""The token of a killed service outlives it by its lease, at most 2 s."""
 
 
 class SameIdError(LabanmeshError):
@@ -36,88 +40,89 @@ class SameIdError(LabanmeshError):
 
 
 def id_is_free(scenes: Sequence[Scene], own: str, link: Link, stop: threading.Event) -> bool:
-    """Wait for a killed process of the same id to disappear; False when stopped before.
+    """Wait until no other process has the id `own`; False if `stop` was set before.
 
-    Raises SameIdError when a process of this id answers. A token of which nobody answers keeps no service away.
+    The token of a killed process disappears within TOKEN_TIMEOUT_S. A token for which no process answers keeps no
+    service away. Raises SameIdError when a process with this id answers.
     """
     keys = scenes[0].keys
-    alive, twins = keys.fusion_alive(own), Twins("", float("-inf"), 0.0)
+    alive, detector = keys.fusion_alive(own), SameIdDetector("", float("-inf"), 0.0)
     with link.sub_session() as session:
         # One scene suffices: a process announces itself in all of its scenes.
-        presence, asked = session.presence(alive), _Questions(session, keys, own, twins)
+        presence, questions = session.presence(alive), _Questions(session, keys, own, detector)
         begun_s = time.monotonic()
-        while (waited_s := time.monotonic() - begun_s) < SETTLE_S or alive in presence.alive:
+        while (waited_s := time.monotonic() - begun_s) < DISCOVERY_S or alive in presence.alive:
             if stop.wait(0.02):
                 return False
             now_s = time.monotonic()
             if alive in presence.alive:
-                asked.ask(now_s)
-            if twins.any_confirmed(now_s):
+                questions.ask(now_s)
+            if detector.any_confirmed(now_s):
                 raise SameIdError(alive)
             if waited_s > TOKEN_TIMEOUT_S:
-                log.warning("%s: somebody holds this token, and nobody answers for it", alive)
+                log.warning("%s: a token of this id exists, but no process answers for it", alive)
                 break
     return True
 
 
-class TwinWatch:
-    """What a running service does about other processes of its id in one scene."""
+class SameIdWatch:
+    """Watches for other processes with the id of a running service in one scene."""
 
-    def __init__(self, session: SubSession, keys: SceneKeys, own: str, twins: Twins) -> None:
+    def __init__(self, session: SubSession, keys: SceneKeys, own: str, detector: SameIdDetector) -> None:
         """session: in which to ask and listen; it is polled elsewhere."""
-        self._alive, self._key, self._twins = keys.fusion_alive(own), keys.fusion_status(own), twins
+        self._alive, self._key, self._detector = keys.fusion_alive(own), keys.fusion_status(own), detector
         self._statuses = session.inbox(self._key, limit=16, remote=True)
-        self._asked = _Questions(session, keys, own, twins)
+        self._questions = _Questions(session, keys, own, detector)
         self.stance = Stance.GO_ON
 
-    def heard(self, message: JudgementMessage, now_s: float) -> bool:
-        """A judgement under this service's id; whether it is of another process that lives."""
-        self._twins.heard(message.session, now_s, message.epoch or 0)
-        return self._twins.confirmed(message.session, now_s)
+    def record_judgement(self, message: JudgementMessage, now_s: float) -> bool:
+        """Take a judgement under this service's id; returns whether it is from another process that runs."""
+        self._detector.record_message(message.session, now_s, message.epoch or 0)
+        return self._detector.is_confirmed(message.session, now_s)
 
     def update(self, epoch: int | None, now_s: float) -> bool:
-        """Follow the rules of twins.py; returns whether another process of this id lives.
+        """Follow the rules of same_id_detection.py; returns whether another process with this id runs.
 
-        epoch: as in Twins.stance. Raises SameIdError in the process that is to end.
+        epoch: as in SameIdDetector.stance. Raises SameIdError in the process that is to end.
         """
         for arrival in self._statuses.take(0):
             with suppress(BadMessage):
                 status = decode_from(arrival.key, StatusMessage, arrival.payload)
-                if status.state in LIVING:
-                    self._twins.heard(status.session, now_s)
-        if self.stance is Stance.GO_ON and not self._twins.has_suspects and not self._asked.has_answers:
+                if status.state in RUNNING:
+                    self._detector.record_message(status.session, now_s)
+        if self.stance is Stance.GO_ON and not self._detector.has_suspects and not self._questions.has_answers:
             return False
-        self._asked.ask(now_s, always=False)
-        stance, self.stance = self.stance, self._twins.stance(epoch, now_s)
+        self._questions.ask(now_s, always=False)
+        stance, self.stance = self.stance, self._detector.stance(epoch, now_s)
         if self.stance is Stance.END:
             raise SameIdError(self._alive)
         if Stance.STAND_BY in (stance, self.stance) and stance is not self.stance:
             log.warning("%s: %s: %s", self._alive, SAME_ID_REASON, self.stance.value)
-        return self._twins.any_confirmed(now_s)
+        return self._detector.any_confirmed(now_s)
 
 
 class _Questions:
-    """Questions for the status under this service's own key, and the answers of living processes."""
+    """Requests for the status under this service's own key, and the answers of running processes."""
 
-    def __init__(self, session: SubSession, keys: SceneKeys, own: str, twins: Twins) -> None:
-        self._session, self._key, self._twins = session, keys.fusion_status(own), twins
+    def __init__(self, session: SubSession, keys: SceneKeys, own: str, detector: SameIdDetector) -> None:
+        self._session, self._key, self._detector = session, keys.fusion_status(own), detector
         self._answers: deque[tuple[int, bytes]] = deque(maxlen=64)
 
     @property
     def has_answers(self) -> bool:
-        """Whether answers wait."""
+        """Whether answers have arrived that were not taken yet."""
         return bool(self._answers)
 
     def ask(self, now_s: float, *, always: bool = True) -> None:
-        """Take what has been answered; ask again if it is due. always: also where nobody is suspected."""
+        """Take the answers that have arrived; ask again if it is due. always: also if no session is suspected."""
         while self._answers:
-            answered, payload = self._answers.popleft()
+            question, payload = self._answers.popleft()
             with suppress(BadMessage):
                 status = decode_from(self._key, StatusMessage, payload)
-                if status.state in LIVING:
+                if status.state in RUNNING:
                     if always:
-                        self._twins.heard(status.session, now_s)
-                    self._twins.answered(status.session, answered, now_s)
-        if (number := self._twins.question(now_s, always=always)) is not None:
+                        self._detector.record_message(status.session, now_s)
+                    self._detector.record_answer(status.session, question, now_s)
+        if (number := self._detector.next_question(now_s, always=always)) is not None:
             timeout_s = ANSWERS * ASK_EVERY_S
             self._session.request(self._key, lambda _, payload: self._answers.append((number, payload)), timeout_s)

@@ -1,4 +1,4 @@
-"""One scene that is fused in this process: posteriors in, judgements and verdicts out."""
+"""Fuses one scene in this process: posteriors in, judgements and verdicts out."""
 
 import logging
 from collections.abc import Callable, Sequence
@@ -20,11 +20,11 @@ from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.engine.roster import POOLED_STATES
 from fusion.ingest import PosteriorIngest, newest
 from fusion.publisher import Reachability, VerdictPublisher
-from fusion.standing_down import OpenMovement
+from fusion.reconciliation import UnreconciledMovement
 
 log = logging.getLogger("labanmesh.fusion")
-DEAF_S = 0.3
-"""A service that has heard no observer for so long is cut off itself, rather than the owner silent."""
+RECEPTION_TIMEOUT_S = 0.3
+"""A service that has received no posterior for so long is disconnected itself, rather than the owner silent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +111,9 @@ class SceneWorker:
         self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
-        self._open: OpenMovement | None = None
-        self._last_words: bytes | None = None
-        self._heard_s, self._sent_s = service.ticks(), float("-inf")
+        self._unreconciled: UnreconciledMovement | None = None
+        self._last_judgement_payload: bytes | None = None
+        self._received_s, self._sent_s = service.ticks(), float("-inf")
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
@@ -125,14 +125,14 @@ class SceneWorker:
         return self._publisher.at_rest
 
     def poll_requests(self) -> None:
-        """Answer a handover request, if one has come."""
+        """Answer a handover request, if one has arrived."""
         self._requests.poll()
 
     def collect(self, arrivals: Sequence[Arrival] = ()) -> StepInput:
         """Receive `arrivals` and everything else that has arrived; the result has the case to pool."""
         self._session.poll()
         arrivals = arrivals or self._posteriors.take(0)
-        self._heard_s = self._ticks() if arrivals else self._heard_s
+        self._received_s = self._ticks() if arrivals else self._received_s
         read = newest(arrivals)
         if read:
             self._ingest.take(*read)
@@ -158,10 +158,10 @@ class SceneWorker:
             return StepResult()
         self._engine.epoch = self.epoch if self.owns else None
         output = self._engine.output_for(step.case.posteriors, step.now_ns, pooled)
-        if self._open is not None and self.owns:
-            self._open.note(output.judgement)
+        if self._unreconciled is not None and self.owns:
+            self._unreconciled.record_message(output.judgement)
         self._withheld += output.verdicts
-        if not self.owns or not self._listeners_hear():
+        if not self.owns or not self._can_publish():
             return StepResult(output)
         published, self._withheld = self._withheld, []
         self._sent_s = self._ticks() if published else self._sent_s
@@ -170,49 +170,50 @@ class SceneWorker:
         return StepResult(output, published)
 
     def read_clocks(self) -> None:
-        """Ask for the observers' clocks if it is due, and take the answers; after a step, because no listener waits."""
+        """Ask for the observers' clocks if it is due, and take the answers; after a step, when no listener waits."""
         if self._clocks.ask_if_due():
             self._status.observers = self._ingest.statistics(self._scene.roster)
         for observer, reading in self._clocks.readings():
             self._engine.record_clock(observer, reading)
 
-    def _listeners_hear(self) -> bool:
-        """Whether what is published now arrives; verdicts wait, and judgements with them, while the router is away."""
+    def _can_publish(self) -> bool:
+        """Whether to publish now: while the router is away, verdicts wait, and judgements with them."""
         if self._scene.mesh.mode != "router":
             return True
         return self._reachable.update(self._link.connected, self._ticks()) or not self._withheld
 
-    def hears(self, now_s: float) -> bool:
-        """Whether posteriors arrive; without an observer there is nothing to hear."""
-        return not self._present.alive or now_s - self._heard_s < DEAF_S
+    def is_receiving(self, now_s: float) -> bool:
+        """Whether posteriors arrive, or no observer is present."""
+        return not self._present.alive or now_s - self._received_s < RECEPTION_TIMEOUT_S
 
     def stand_down(self) -> None:
-        """Another service is the owner from now on, although this one published: see standing_down.py."""
+        """Stop publishing, because another service is the owner: see reconciliation.py."""
         verdict = self._publisher.unfinished
         if verdict is not None:
-            self._open = OpenMovement(verdict, self._clock())
-            self._last_words = self._publisher.judgement_payload
+            self._unreconciled = UnreconciledMovement(verdict, self._clock())
+            self._last_judgement_payload = self._publisher.judgement_payload
 
-    def settle(self) -> bool:
-        """Publish the end of the movement in which this service stood down, once it is due, and what was lost with the
-        link; whether nothing is open."""
+    def reconcile(self) -> bool:
+        """Publish the end of the movement in which this service stood down, once it is due, and a verdict that was lost
+        with the link (reconciliation.py). Returns whether nothing is left to publish; to be called at every step.
+        """
         is_router = self._scene.mesh.mode == "router"
         is_reachable = not is_router or self._reachable.update(self._link.connected, self._ticks())
         if self._reachable.was_lost(self._sent_s):
             self._publisher.repeat_verdict()
-        if self._open is None:
+        if self._unreconciled is None:
             return is_reachable
         now_ns = self._clock()
-        same_as = self._open.same_as(now_ns)
+        same_as = self._unreconciled.same_as(now_ns)
         if same_as is not None:
-            # With an epoch it would be the word of an owner, for which the present one stands by.
+            # With an epoch it would be the message of an owner, for which the present one would stand by.
             self._engine.epoch = None
-            self._publisher.close(self._engine.close(self._open.verdict, now_ns, now_ns, same_as))
-        if self._open.is_to_repeat(now_ns):
-            self._publisher.repeat(self._last_words)
-        if self._open.settled:
-            self._open = None
-        return self._open is None
+            self._publisher.close(self._engine.close(self._unreconciled.verdict, now_ns, now_ns, same_as))
+        if self._unreconciled.should_repeat(now_ns):
+            self._publisher.repeat(self._last_judgement_payload)
+        if self._unreconciled.is_reconciled:
+            self._unreconciled = None
+        return self._unreconciled is None
 
     def adopt(self, message: JudgementMessage) -> None:
         """Continue the movement of a service that stands down, if this one has nothing better."""
@@ -247,8 +248,8 @@ class SceneWorker:
     def follow(self, message: JudgementMessage) -> None:
         """Continue from the owner's message; this engine decides again what the owner has not published."""
         self._withheld.clear()
-        if self._open is not None:
-            self._open.note(message)
+        if self._unreconciled is not None:
+            self._unreconciled.record_message(message)
         self._engine.continue_from(message)
         self._publisher.remember(message)
         self.restored = True

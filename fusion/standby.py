@@ -15,9 +15,9 @@ from fusion.checkpoint import Checkpoint
 
 log = logging.getLogger("labanmesh.fusion")
 HANDOVER_TIMEOUT_S = 1.0
-"""An owner that does not answer a handover request for this long no longer publishes, we assume."""
-READ_EVERY_S = 1.0
-"""A listener that only keeps the last messages decodes one judgement per second; the others are signs of life."""
+"""An owner that does not answer a handover request for this long is assumed to publish no more."""
+DECODE_EVERY_S = 1.0
+"""A listener that only keeps the last messages decodes one judgement per second; the others count as heartbeats."""
 
 
 class StandbyListener:
@@ -45,7 +45,7 @@ class StandbyListener:
         self._session.poll()
         for arrival in self._inbox.take(0):
             kind = VerdictMessage if arrival.key == self._scene.keys.verdict else JudgementMessage
-            if kind is JudgementMessage and not every and now_s - self._decoded_s < READ_EVERY_S:
+            if kind is JudgementMessage and not every and now_s - self._decoded_s < DECODE_EVERY_S:
                 self._judgement = arrival.payload
                 yield None
                 continue

@@ -1,4 +1,7 @@
-"""The contribution of each observer to a verdict: the change when its posterior is left out. Pure."""
+"""The contribution of each observer to a verdict: the change when its posterior is left out. Pure.
+
+The design: fusion.md, "What verdicts teach".
+"""
 
 import math
 from dataclasses import replace
@@ -15,7 +18,7 @@ SMALLEST = 1e-12
 
 
 def contributions(case: PoolingCase, label: int | None) -> dict[str, Contribution]:
-    """The contribution to the answer `label` of each observer whose posterior is pooled.
+    """The contribution to the answer `label`, in nats of log odds, of each observer whose posterior is pooled.
 
     label: index in the vocabulary; None for the likeliest answer, which may be "something else".
     """
@@ -24,12 +27,12 @@ def contributions(case: PoolingCase, label: int | None) -> dict[str, Contributio
     log_odds = _log_odds(pooled, answer)
     used = [n for n, posterior in enumerate(case.posteriors) if posterior.state in POOLED_STATES]
     if len(case.posteriors) > 1:
-        others = pool_many([replace(case, posteriors=[*case.posteriors[:n], *case.posteriors[n + 1 :]]) for n in used])
-        pools = [pool.answers for pool in others]
+        cases = [replace(case, posteriors=[*case.posteriors[:n], *case.posteriors[n + 1 :]]) for n in used]
+        without_each = [pool.answers for pool in pool_many(cases)]
     else:
-        pools = [case.prior] * len(used)
+        without_each = [case.prior] * len(used)
     result = {}
-    for n, answers in zip(used, pools, strict=True):
+    for n, answers in zip(used, without_each, strict=True):
         if len(answers) < len(pooled):
             # Only this observer publishes `unlearned`: without it, something else is as likely as any movement.
             answers = np.append(answers * (1 - 1 / len(pooled)), 1 / len(pooled))
@@ -39,5 +42,6 @@ def contributions(case: PoolingCase, label: int | None) -> dict[str, Contributio
 
 
 def _log_odds(answers: Floats, answer: int) -> float:
+    """Nats, of an answer against the likeliest other one."""
     best_other = float(np.delete(answers, answer).max())
     return math.log(max(float(answers[answer]), SMALLEST)) - math.log(max(best_other, SMALLEST))

@@ -1,4 +1,7 @@
-"""The fusion engine: posteriors of one scene in, judgements and verdicts out. Pure: time is passed in."""
+"""The fusion engine: posteriors of one scene in, judgements and verdicts out. Pure: time is passed in.
+
+The design: fusion.md. Times are ns of the Unix epoch by the fusion machine's clock.
+"""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -18,16 +21,16 @@ from common.messages import (
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
-from fusion.engine.evidence import NO_EVIDENCE, LastObserved, NearestMiss, VerdictEvidence
 from fusion.engine.explanation import explain_undecided, why_contested
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
-from fusion.engine.movement import MovementDecision, PooledState, last_heard_ns
-from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
+from fusion.engine.movement import MovementDecision, PooledState, last_capture_ns
+from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
+from fusion.engine.verdict_basis import NO_BASES, LastObserved, NearestMiss, VerdictBasis
 from fusion.engine.verdict_detector import VerdictDetector
 
 
@@ -57,7 +60,7 @@ class FusionEngine:
         self._clocks = Clocks(observers)
         self._detector, self._rest = VerdictDetector(config), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
-        self._evidence: Mapping[int, VerdictEvidence] = {}
+        self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
         self._nearest = NearestMiss()
         self._start = RosterStart()
@@ -86,7 +89,7 @@ class FusionEngine:
         }
 
     def wait_for_roster(self, grace_s: float) -> None:
-        """Withhold verdicts until all observers have begun, at most `grace_s` s after the first (roster_start.py)."""
+        """Withhold verdicts until all observers have begun, at most `grace_s` seconds after the first one."""
         self._start.begin(grace_s)
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
@@ -123,7 +126,7 @@ class FusionEngine:
         """
         decision = self._detector.end_now(now_ns)
         verdicts = []
-        if decision is not None and (basis := self._evidence.get(decision.decided_ns)) is not None:
+        if decision is not None and (basis := self._bases.get(decision.decided_ns)) is not None:
             stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
             verdict_id = self._builder.verdict_id(decision.began_ns)
             contributed = self._contributions(basis, decision.label)
@@ -132,7 +135,7 @@ class FusionEngine:
         self._roster.change_vocabulary(vocabulary)
         self.vocabulary = vocabulary
         self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
-        self._evidence, self._last_observed, self._nearest = {}, None, NearestMiss()
+        self._bases, self._last_observed, self._nearest = NO_BASES, None, NearestMiss()
         self.reliability = Reliability()
         return self._start.end(verdicts)
 
@@ -142,7 +145,7 @@ class FusionEngine:
         return self.output_for(case.posteriors, now_ns, pool_posteriors(case))
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
-        """The case to pool at `now_ns`; `output_for` takes the result. So many scenes can be pooled at once."""
+        """The case to pool at `now_ns`, for many scenes that are pooled together; `output_for` takes the result."""
         return self._case(self._roster.posteriors(now_ns, self._records))
 
     def output_for(
@@ -157,11 +160,11 @@ class FusionEngine:
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)
-        heard_ns = newest_ns(posteriors, now_ns)
-        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, heard_ns)
+        captured_ns = newest_capture_ns(posteriors, now_ns)
+        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, captured_ns)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
-        # No observer counts any more, as after a film: waiting would show as little as after the begin of rest.
+        # No observer counts any more, as after a film: the last observed state ends in rest, because nothing follows.
         last = None if observed else self._last_observed
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0, observed=False)
         decisions = self._detector.update(shown) if has_posterior else ()
@@ -171,16 +174,16 @@ class FusionEngine:
         began_ns = now_ns if movement is None else movement.began_ns
         is_moving = movement is not None or (observed and (state.rest < 0.5 or self._rest.contested))
         why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
-        silence = why if is_moving else None
-        judgement = self._builder.judgement(ballot, pooled, facets, movement, silence, self._stamp(now_ns))
-        current = VerdictEvidence(judgement, posteriors, why)
-        basis = current if last is None else last.evidence
+        stamp = self._stamp(now_ns)
+        judgement = self._builder.judgement(ballot, pooled, facets, movement, why if is_moving else None, stamp)
+        current = VerdictBasis(judgement, posteriors, why)
+        basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
         return EngineOutput(judgement, self._start.release(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
-        """Continue from another service's message: its number and movement; from a verdict also its evidence.
+        """Continue from another service's message: its number and movement; from a verdict also its basis.
 
         Of one from before a change of vocabulary only its number: its movement has ended.
         """
@@ -191,15 +194,19 @@ class FusionEngine:
             return
         if not isinstance(judgement, VerdictMessage):
             movement = None if judgement.movement is None else progress_of(judgement.movement)
-            self._detector.follow(movement, last_heard_ns(judgement))
-            self._keep_evidence(self._evidence)
+            self._detector.follow(movement, last_capture_ns(judgement))
+            self._keep_bases(self._bases)
             return
         self._detector.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
-        self._keep_evidence({**self._evidence, judgement.decided_ns: VerdictEvidence(judgement, why=judgement.why)})
+        self._keep_bases({**self._bases, judgement.decided_ns: VerdictBasis(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
 
     def adopt(self, judgement: JudgementMessage) -> bool:
-        """Continue the decided movement of a service that stands by from now on; whether there was nothing better."""
+        """Continue the decided movement of a service that stands by from now on.
+
+        Returns False, and changes nothing, if this engine has decided a movement itself, or the judgement has none, or
+        it is in another vocabulary.
+        """
         own, movement = self._detector.movement, judgement.movement
         if movement is None or movement.label is None or (own is not None and own.decision is not None):
             return False
@@ -209,31 +216,31 @@ class FusionEngine:
         return True
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:
-        """The end of a movement that is watched no more, or under another id, `same_as`; see VerdictMessage."""
+        """`verdict` once more, as the end of its movement, which goes on under the id `same_as`, or is not followed."""
         return close_verdict(verdict, ended_ns, same_as, self._stamp(now_ns))
 
     def _case(self, posteriors: Sequence[AgedPosterior]) -> PoolingCase:
         return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature)
 
     def _verdicts(
-        self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictEvidence
+        self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictBasis
     ) -> list[VerdictMessage]:
-        """The verdicts on what was decided now, of which `basis` is the evidence; keeps what later ones may need."""
+        """The verdicts on what was decided now, based on `basis`; keeps the bases that later verdicts may need."""
         verdicts: list[VerdictMessage] = []
-        if decisions or self._detector.evidence_times:
-            evidence = {**self._evidence, now_ns: basis}
+        if decisions or self._detector.basis_times:
+            bases = {**self._bases, now_ns: basis}
             for decision in decisions:
-                verdicts.append(verdict := self._verdict(now_ns, decision, evidence))
+                verdicts.append(verdict := self._verdict(now_ns, decision, bases))
                 self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
                 # It carries the contributions, which take long to compute, to its next publication.
-                evidence[verdict.decided_ns] = VerdictEvidence(verdict, why=verdict.why)
-            self._keep_evidence(evidence)
+                bases[verdict.decided_ns] = VerdictBasis(verdict, why=verdict.why)
+            self._keep_bases(bases)
         else:
-            self._evidence = NO_EVIDENCE
+            self._bases = NO_BASES
         return verdicts
 
-    def _keep_evidence(self, evidence: Mapping[int, VerdictEvidence]) -> None:
-        self._evidence = {at_ns: evidence[at_ns] for at_ns in self._detector.evidence_times if at_ns in evidence}
+    def _keep_bases(self, bases: Mapping[int, VerdictBasis]) -> None:
+        self._bases = {at_ns: bases[at_ns] for at_ns in self._detector.basis_times if at_ns in bases}
 
     def _stamp(self, at_ns: int) -> Stamp:
         return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)
@@ -254,16 +261,14 @@ class FusionEngine:
             movement = replace(movement, decision=None)
         return self._builder.ongoing(movement)
 
-    def _verdict(
-        self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, VerdictEvidence]
-    ) -> VerdictMessage:
-        """The verdict on its evidence: the votes that decided it, also when its end is published.
+    def _verdict(self, now_ns: int, decision: MovementDecision, bases: Mapping[int, VerdictBasis]) -> VerdictMessage:
+        """The verdict with its basis: the votes that decided it, also when its end is published.
 
         The votes of an abstention are those at the end of the movement; after it, the posteriors fade.
         """
-        evidence_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
-        basis = evidence.get(evidence_ns or 0, evidence[now_ns])
-        end = evidence.get(decision.ended_ns or 0, basis)
+        basis_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
+        basis = bases.get(basis_ns or 0, bases[now_ns])
+        end = bases.get(decision.ended_ns or 0, basis)
         verdict_id = self._builder.verdict_id(decision.began_ns)
         contributed = self._contributions(basis, decision.label)
         why = basis.why if decision.label == ABSTAIN else None
@@ -273,8 +278,8 @@ class FusionEngine:
             basis.judgement, end.judgement, decision, why, contributed, verdict_id, self._stamp(now_ns)
         )
 
-    def _contributions(self, evidence: VerdictEvidence, label: str) -> Mapping[str, Contribution] | None:
-        if isinstance(evidence.judgement, VerdictMessage):
-            return evidence.judgement.contributions
+    def _contributions(self, basis: VerdictBasis, label: str) -> Mapping[str, Contribution] | None:
+        if isinstance(basis.judgement, VerdictMessage):
+            return basis.judgement.contributions
         index = None if label == ABSTAIN else self.vocabulary.index(label)
-        return contributions(self._case(evidence.posteriors), index)
+        return contributions(self._case(basis.posteriors), index)

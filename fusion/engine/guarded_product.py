@@ -1,6 +1,7 @@
 """The default rule: Bayes' product, guarded against one observer that is plainly wrong. Pure.
 
-N observers, M answers. Arrays may have leading axes, written `...`: one scene per entry, each pooled by itself.
+The design: fusion.md, "The default". N observers, M answers. Arrays may have leading axes, written `...`: one scene per
+entry, each pooled by itself.
 
 Hypothesis 0 says that every observer can be believed, hypothesis i that observer i is plainly wrong: its posterior has
 nothing to do with the movement, and is left out. The result is the average over the N + 1 hypotheses,
@@ -12,8 +13,9 @@ nothing to do with the movement, and is left out. The result is the average over
    the Bayes factor of observer i's posterior against a random one, given all others. Observers that agree raise Z_0 by
    far more than the odds, and the result is their product. One that contradicts the others is left out, the more
    surely the surer it and they are. Two that differ can only doubt each other, so doubt needs three that participate.
-2. w_ih = t_i / (1 + sum_j rho_ij) over the others j that h believes. t is learned reliability, and rho the correlation:
-   near 1 for posteriors that are the same, unless both are certain, or learned from verdicts (reliability.py).
+2. w_ih = t_i / (1 + sum_j rho_ji) over the others j that h believes. t is the trust: reliability times steadiness. rho
+   is the correlation: near 1 for posteriors that are the same, unless both are certain, or learned from verdicts
+   (reliability.py), the latter in proportion to the participation of j.
 3. W_h = (D0^2 + (sum_i w_ih D_i)^2) / (D0^2 + sum_i w_ih D_i^2), with D the divergence from the prior and D0 =
    PARTICIPATION_BITS: the effective number of observers, N if all say as much, 1 if one says nearly everything. Several
    views of one person are not independent, and with GAMMA they are right as often as they claim. W below 1 counts as 1.
@@ -23,7 +25,7 @@ An observer whose posterior is the prior does not participate and changes nothin
 number of participants. Averaging over which observation is an outlier: Box and Tiao, "A Bayesian approach to some
 outlier problems", Biometrika 55, 1968. The constants were chosen on people left out one at a time.
 
-`guarded_strengths`, mixed by rules.py:averaged_log_mix, is the plain form; joint posteriors are pooled by it.
+`guarded_weights`, mixed by rules.py:averaged_log_mix, is the plain form; joint posteriors are pooled by it.
 guarded_pool.py gives the same for movements alone in a third of the time.
 """
 
@@ -32,10 +34,10 @@ from functools import cache
 import numpy as np
 
 from common.probability import Floats
-from fusion.engine.strengths import (
+from fusion.engine.weighing import (
     PARTICIPATION_BITS,
     ObserverTrust,
-    Strengths,
+    PoolingWeights,
     divergence_from_prior,
     off_diagonal,
     shares_of,
@@ -45,6 +47,7 @@ from fusion.engine.strengths import (
 )
 
 EPSILON = 0.02
+"""eps: share of the prior in p~."""
 FAULT_PROBABILITY = (0.05, 0.3)
 """Prior probability that an observer is plainly wrong, for three, and for four and more participants.
 
@@ -52,47 +55,50 @@ Two of three agree by mistake more often than three of four.
 """
 ODDS_OF_THREE, ODDS_OF_FOUR = (probability / (1.0 - probability) for probability in FAULT_PROBABILITY)
 GAMMA = 0.45
+"""Chosen with BETA and FAULT_PROBABILITY: with this exponent, the result is right as often as it claims."""
 BETA = 2.0
 """The evidence for a hypothesis counts twice, because an honest observer is rarely both sure and contradicted."""
 EXPONENT_LIMIT = 500.0
-"""Far beyond the evidence of some tens of observers; it keeps the exponential finite."""
+"""Nats; far beyond the log Bayes factor of some tens of observers. It keeps the exponential finite."""
 
 
-def guarded_strengths(p: Floats, prior: Floats, observers: ObserverTrust) -> Strengths:
+def guarded_weights(p: Floats, prior: Floats, observers: ObserverTrust) -> PoolingWeights:
     """(..., N, M) posteriors, (M,) prior -> exponents (..., H, N) and probabilities of H hypotheses: N + 1, or 1."""
     ratio = p * (1.0 / prior)
     divergence_bits = divergence_from_prior(p, ratio)
-    part = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
+    participation = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
     believed = believed_by(p.shape[-2])
-    # Row j, column i: how much of its voice observer i shares with observer j.
-    rho = np.maximum(similarity(ratio) * uncertainty(p), observers.correlations * part[..., :, None])
+    # Row j, column i: the correlation by which observer i loses weight to observer j.
+    rho = np.maximum(similarity(ratio) * uncertainty(p), observers.correlations * participation[..., :, None])
     w = believed * observers.trust[..., None, :] / (1.0 + believed @ rho)
-    hypotheses = _hypotheses(w, ratio, prior, part)
+    hypotheses = _hypotheses(w, ratio, prior, participation)
     exponents = w * np.maximum(_effective_number(w, divergence_bits), 1.0)[..., None] ** (GAMMA - 1.0)
     mean_exponents = (hypotheses[..., None, :] @ exponents)[..., 0, :]
-    return Strengths(exponents, np.full(p.shape[:-1], EPSILON), shares_of(mean_exponents * divergence_bits), hypotheses)
+    return PoolingWeights(
+        exponents, np.full(p.shape[:-1], EPSILON), shares_of(mean_exponents * divergence_bits), hypotheses
+    )
 
 
 def _effective_number(w: Floats, divergence_bits: Floats) -> Floats:
-    """W of each hypothesis, (..., H); 1 if no observer participates."""
-    evidence = w * divergence_bits[..., None, :]
-    squares = (evidence @ divergence_bits[..., None])[..., 0]
-    number: Floats = (sum_last(evidence) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
+    """W of each hypothesis (3), (..., H); 1 if no observer participates. w (..., H, N)."""
+    information = w * divergence_bits[..., None, :]
+    squares = (information @ divergence_bits[..., None])[..., 0]
+    number: Floats = (sum_last(information) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
     return number
 
 
-def _hypotheses(w: Floats, ratio: Floats, prior: Floats, part: Floats) -> Floats:
-    """P(h), (..., H)."""
-    number = sum_last(part)
+def _hypotheses(w: Floats, ratio: Floats, prior: Floats, participation: Floats) -> Floats:
+    """P(h) of each hypothesis (1), (..., H). ratio: p/prior."""
+    participants = sum_last(participation)
     if w.shape[-2] == 1:
-        return np.ones((*number.shape, 1))
-    logs = w @ np.log((1.0 - EPSILON) * ratio + EPSILON)
-    most = np.maximum.reduce(logs, axis=-1)
-    log_z = np.log(np.exp(logs - most[..., None]) @ prior) + most
-    odds = ODDS_OF_THREE * np.minimum(np.maximum(number - 2.0, 0.0), 1.0)
-    odds = odds + (ODDS_OF_FOUR - ODDS_OF_THREE) * np.minimum(np.maximum(number - 3.0, 0.0), 1.0)
+        return np.ones((*participants.shape, 1))
+    log_likelihood = w @ np.log((1.0 - EPSILON) * ratio + EPSILON)
+    largest = np.maximum.reduce(log_likelihood, axis=-1)
+    log_z = np.log(np.exp(log_likelihood - largest[..., None]) @ prior) + largest
+    odds = ODDS_OF_THREE * np.minimum(np.maximum(participants - 2.0, 0.0), 1.0)
+    odds = odds + (ODDS_OF_FOUR - ODDS_OF_THREE) * np.minimum(np.maximum(participants - 3.0, 0.0), 1.0)
     mass = np.exp(np.minimum(BETA * (log_z - log_z[..., :1]), EXPONENT_LIMIT))
-    mass[..., 1:] *= odds[..., None] * part
+    mass[..., 1:] *= odds[..., None] * participation
     hypotheses: Floats = mass / sum_last(mass)[..., None]
     return hypotheses
 

@@ -33,7 +33,7 @@ from fusion.engine.guarded_pool import TINY
 from fusion.engine.movement import MovementDecision, MovementProgress
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.strengths import NATS_TO_BITS
+from fusion.engine.weighing import NATS_TO_BITS
 
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this holds no label."""

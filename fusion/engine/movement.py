@@ -1,4 +1,4 @@
-"""What the verdict detector takes and returns: the pooled posterior at one time, a movement, the decision on one."""
+"""The data of the verdict detector: the pooled posterior at one time, a movement, a candidate, a decision."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,8 @@ class PooledState:
     """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
 
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    observed: whether the posterior of any observer counts. heard_ns: when the newest of them was captured; None: at_ns.
+    agreeing: observers whose own label it is. observed: whether the posterior of any observer is pooled.
+    newest_capture_ns: capture time of the newest of them; None: at_ns.
     """
 
     at_ns: int
@@ -21,12 +22,20 @@ class PooledState:
     rest: float
     unlearned: float = 0.0
     observed: bool = True
-    heard_ns: int | None = None
+    newest_capture_ns: int | None = None
 
     @property
     def idle(self) -> bool:
-        """Whether no movement of the vocabulary is likelier than one."""
+        """Whether rest or "something else" is likelier than a movement of the vocabulary."""
         return self.rest >= 0.5 or self.unlearned > 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class LabelCandidate:
+    """A label that has met threshold and quorum without a break since `since_ns`."""
+
+    label: str
+    since_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +61,10 @@ class MovementProgress:
     decision: MovementDecision | None = None
 
 
-def last_heard_ns(judgement: JudgementMessage) -> int:
-    """When the service that sent a judgement had heard an observer last, as far as the judgement tells; else 0.
+def last_capture_ns(judgement: JudgementMessage) -> int:
+    """The capture time of the newest posterior of the service that sent a judgement, by its votes; 0 without one.
 
-    A service that has just started, and hears nobody yet, goes on judging the movement that it continues.
+    A service that has just started, and has no posterior yet, goes on judging the movement that it continues.
     """
     if judgement.agreement.n:
         return judgement.at_ns

@@ -1,57 +1,64 @@
-"""Outages: times in which no observer was heard, and what they leave unknown (rule 8 of verdict_detector.py). Pure."""
+"""Outages: times in which no posterior was pooled, and what they hide (rule 8 of verdict_detector.py). Pure.
+
+Times are ns of the Unix epoch by the fusion machine's clock.
+"""
 
 from common import SECOND_NS
 from fusion.engine.movement import MovementDecision
 
-UNHEARD_S = 1.0
+OUTAGE_S = 1.0
 """A shorter outage hides no whole movement, nor the whole rest between two."""
-HIDDEN_S = 2.0
+HIDING_OUTAGE_S = 2.0
 """A longer outage can hide a rest and a whole movement."""
-FORGOTTEN_S = 5.0
+ENDING_OUTAGE_S = 5.0
 """After a longer outage the same label is another movement."""
 
 
 class Outage:
-    """When observers were heard last, and what an outage means for the movement that was in progress before it.
+    """The newest capture time of a pooled posterior, and the effect of the last outage on the movement before it.
 
-    since_ns: when the decided movement was heard last; None if there was no outage since, or its label went on after
-    it. is_past: there was no decided movement, and an undecided one is over. is_unknown: it has been over for so long
-    that what observers name may be a later one. is_forgotten: the decided movement is over, whatever observers name.
+    since_ns: the newest capture before the outage, or the decision if that is later; None without an outage during the
+    decided movement, or if its label went on after it. begins_afresh: no movement was decided, and an undecided one
+    begins anew. hides_label: the label that observers hold may be that of a later movement. ends_movement: the decided
+    movement is over, whatever the label.
     """
 
     def __init__(self) -> None:
-        self._heard_ns: int | None = None
+        self._newest_capture_ns: int | None = None
         self.since_ns: int | None = None
-        self.is_past = self.is_unknown = self.is_forgotten = False
+        self.begins_afresh = self.hides_label = self.ends_movement = False
 
-    def update(self, heard_ns: int, decision: MovementDecision | None) -> bool:
-        """Observers were heard at `heard_ns`; whether that ends an outage. decision: on the movement in progress."""
-        last_ns = heard_ns if self._heard_ns is None else self._heard_ns
-        self._heard_ns, gap_s = max(heard_ns, last_ns), (heard_ns - last_ns) / SECOND_NS
-        if gap_s <= UNHEARD_S:
+    def update(self, captured_ns: int, decision: MovementDecision | None) -> bool:
+        """Take the newest capture time of a step; returns whether an outage ended before it.
+
+        decision: on the movement in progress.
+        """
+        last_ns = captured_ns if self._newest_capture_ns is None else self._newest_capture_ns
+        self._newest_capture_ns, gap_s = max(captured_ns, last_ns), (captured_ns - last_ns) / SECOND_NS
+        if gap_s <= OUTAGE_S:
             return False
         self.since_ns = None if decision is None else max(last_ns, decision.decided_ns)
-        self.is_past, self.is_unknown = decision is None, decision is None and gap_s > HIDDEN_S
-        self.is_forgotten = decision is not None and gap_s > FORGOTTEN_S
+        self.begins_afresh, self.hides_label = decision is None, decision is None and gap_s > HIDING_OUTAGE_S
+        self.ends_movement = decision is not None and gap_s > ENDING_OUTAGE_S
         return True
 
-    def follow(self, heard_ns: int | None, decision: MovementDecision | None) -> None:
-        """Another service, with this decision, heard observers at `heard_ns`; None: unknown.
+    def follow(self, captured_ns: int | None, decision: MovementDecision | None) -> None:
+        """Take the newest capture time of another service, which has made `decision`; None: unknown.
 
-        Where this service had heard none before for so long, the other one continues what was heard then.
+        If this service had no posterior for an outage before that, the other one continues the movement from then.
         """
-        self.is_past = False
-        if heard_ns is None:
+        self.begins_afresh = False
+        if captured_ns is None:
             return
-        last_ns = heard_ns if self._heard_ns is None else self._heard_ns
-        self._heard_ns = max(heard_ns, last_ns)
-        if decision is not None and heard_ns - last_ns > UNHEARD_S * SECOND_NS:
+        last_ns = captured_ns if self._newest_capture_ns is None else self._newest_capture_ns
+        self._newest_capture_ns = max(captured_ns, last_ns)
+        if decision is not None and captured_ns - last_ns > OUTAGE_S * SECOND_NS:
             self.since_ns = max(last_ns, decision.decided_ns)
 
-    def begin(self) -> None:
-        """A movement begins: what an outage hid was before it."""
-        self.since_ns, self.is_past, self.is_unknown = None, False, False
+    def begin_movement(self) -> None:
+        """Forget what was hidden: it was before the movement that begins."""
+        self.since_ns, self.begins_afresh, self.hides_label = None, False, False
 
-    def end(self) -> None:
-        """The movement has ended."""
-        self.since_ns, self.is_unknown, self.is_forgotten = None, False, False
+    def end_movement(self) -> None:
+        """Forget the effect on the movement that has ended."""
+        self.since_ns, self.hides_label, self.ends_movement = None, False, False

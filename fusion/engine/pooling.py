@@ -1,11 +1,13 @@
 """Pooling of everything that observers publish: movements, "something else", facing and facets. Pure.
 
-1. Unlearned: an observer may say how likely the movement is none of the vocabulary, u. This adds an answer, "something
-   else": q = ((1-u) p, u), with a uniform prior over M+1 answers. An observer that does not say it is taken at the
-   prior, u = 1/(M+1). If no observer says it, there is no such answer.
-2. Facing: an observer may say P(k | movement m) over K directions. Its joint posterior is q(m) P(k | m). Observers that
-   do not say it, or in another number of directions than most, are uniform over k, which is neutral. The rule weighs by
-   the movements alone, mixes movement and facing together, and the facing is then summed out.
+The design: fusion.md, "More than movements".
+
+1. Unlearned: an observer may publish the probability u that the movement is none of the vocabulary. This adds an
+   answer, "something else": q = ((1-u) p, u), with a uniform prior over M+1 answers. An observer that does not publish
+   it is taken at the prior, u = 1/(M+1). If no observer publishes it, there is no such answer.
+2. Facing: an observer may publish P(k | movement m) over K directions. Its joint posterior is q(m) P(k | m). Observers
+   that do not publish it, or in another number of directions than most, are uniform over k, which is neutral. The rule
+   weighs by the movements alone, mixes movement and facing together, and the facing is then summed out.
 3. Temperature flattens or sharpens the pooled posterior over the answers. The facing, given the answer, stays.
 4. A facet is pooled by the same rule over the observers that publish it.
 5. Rest is pooled in rest.py.
@@ -21,11 +23,11 @@ from common import SECOND_NS
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.rules import Rule
-from fusion.engine.strengths import ObserverTrust, RuleResult
+from fusion.engine.weighing import ObserverTrust, RuleResult
 
 FACING = "facing"
 FACETS_LIMIT = 32
-"""At most so many facets are pooled, so that invented names cost no time."""
+"""Facets that are pooled at most, so that invented names cost no time."""
 
 
 @dataclass(slots=True)
@@ -60,8 +62,8 @@ class PoolingCase:
     @property
     def has_unlearned(self) -> bool:
         """Whether some observer publishes `unlearned`."""
-        # A list is made in half the time in which `any` looks at four.
-        return bool([each for each in self.posteriors if each.unlearned is not None])
+        # Of four posteriors, a list takes half the time of `any`.
+        return bool([posterior for posterior in self.posteriors if posterior.unlearned is not None])
 
 
 def pool_posteriors(case: PoolingCase) -> PooledPosterior:
@@ -75,13 +77,13 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, trust)
     pooled_answers = joint.p.sum(axis=1)
     # The divisor keeps an answer of probability 0 from giving a NaN.
-    facing_of_each = joint.p / np.where(pooled_answers > 0, pooled_answers, 1.0)[:, None]
+    facing_given_answer = joint.p / np.where(pooled_answers > 0, pooled_answers, 1.0)[:, None]
     pooled_answers = _tempered(pooled_answers, prior, case.temperature)
-    return _result(rows, pooled_answers, joint.weights, has_unlearned, pooled_answers @ facing_of_each)
+    return _result(rows, pooled_answers, joint.weights, has_unlearned, pooled_answers @ facing_given_answer)
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
-    """Pool each case as `pool_posteriors` does, to the same bits; those of one kind in one go."""
+    """Pool each case as `pool_posteriors` does, to the same bits; cases of equal shape together."""
     pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
@@ -104,11 +106,11 @@ def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     first = cases[0]
     has_unlearned, prior = first.has_unlearned, _prior(first, first.has_unlearned)
     rows = [_rows(case) for case in cases]
-    answers = np.array([_answers(case, own, has_unlearned) for case, own in zip(cases, rows, strict=True)])
+    answers = np.array([_answers(case, case_rows, has_unlearned) for case, case_rows in zip(cases, rows, strict=True)])
     trust = ObserverTrust.stack([observer_trust(case.posteriors) for case in cases])
     pooled = _pool_rows(first.rule, answers, prior, trust)
-    for own, p, weights in zip(rows, pooled.p, pooled.weights, strict=True):
-        yield _result(own, _tempered(p, prior, first.temperature), weights, has_unlearned)
+    for case_rows, p, weights in zip(rows, pooled.p, pooled.weights, strict=True):
+        yield _result(case_rows, _tempered(p, prior, first.temperature), weights, has_unlearned)
 
 
 def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | None = None) -> RuleResult:
@@ -130,29 +132,29 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
     trust, pooled = observer_trust(posteriors), {}
     for name in sorted(names)[:FACETS_LIMIT]:
         size = _most_common(len(posterior.facets[name]) for posterior in posteriors if name in posterior.facets)
-        places = [n for n, o in enumerate(posteriors) if name in o.facets and len(o.facets[name]) == size]
+        places = [n for n, posterior in enumerate(posteriors) if len(posterior.facets.get(name, ())) == size]
         if size >= 2:
             rows = np.array([posteriors[n].facets[name] for n in places])
             pooled[name] = _pool_rows(rule, rows, uniform(size), trust.subset(places)).p
     return pooled
 
 
-def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
-    """When the newest posterior that is pooled was captured; None without one."""
-    least_s = None
-    for one in posteriors:
-        age_s = one.age_s
-        if age_s is not None and (least_s is None or age_s < least_s) and one.state in POOLED_STATES:
-            least_s = age_s
-    if least_s is None:
+def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
+    """The capture time of the newest posterior that is pooled, at most `now_ns`; None without one."""
+    least_age_s = None
+    for posterior in posteriors:
+        age_s = posterior.age_s
+        if age_s is not None and (least_age_s is None or age_s < least_age_s) and posterior.state in POOLED_STATES:
+            least_age_s = age_s
+    if least_age_s is None:
         return None
-    return now_ns - round(least_s * SECOND_NS) if least_s > 0.0 else now_ns
+    return now_ns - round(least_age_s * SECOND_NS) if least_age_s > 0.0 else now_ns
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
-    """The learned trust in the observers; correlations with observers that are not among them are left out."""
+    """The trust in the observers; correlations with observers that are not among them are left out."""
     unknown = ObserverTrust.unknown(len(posteriors))
-    reliability = [each.reliability for each in posteriors]
+    reliability = [posterior.reliability for posterior in posteriors]
     has_trust = min(reliability) < 1.0
     trust = np.array(reliability) if has_trust else unknown.trust
     if not _has_correlations(posteriors):
@@ -167,7 +169,7 @@ def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
 
 
 def _has_correlations(posteriors: Sequence[AgedPosterior]) -> bool:
-    return bool([each for each in posteriors if each.correlations])
+    return bool([posterior for posterior in posteriors if posterior.correlations])
 
 
 def facing_deg(facing: Floats) -> float:
@@ -205,17 +207,23 @@ def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:
         return p
     observers, size = p.shape
     neutral, answers = 1.0 / (size + 1), np.empty((observers, size + 1))
-    answers[:, size] = [neutral if each.unlearned is None else each.unlearned for each in case.posteriors]
+    answers[:, size] = [
+        neutral if posterior.unlearned is None else posterior.unlearned for posterior in case.posteriors
+    ]
     np.multiply(p, 1.0 - answers[:, size:], answers[:, :size])
     return answers
 
 
 def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:
+    """(M,), or uniform (M+1,) with "something else" last (1)."""
     return uniform(len(case.prior) + 1) if has_unlearned else case.prior
 
 
 def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
-    """(N, R, K) P(k | answer): uniform for observers that do not say it, and for "something else"."""
+    """(N, R, K) P(k | answer): uniform for observers that do not publish it, and for "something else".
+
+    None if no observer publishes it.
+    """
     tables = [posterior.surprise for posterior in posteriors if posterior.surprise is not None]
     if not tables:
         return None
@@ -229,6 +237,7 @@ def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
 
 
 def _tempered(answers: Floats, prior: Floats, temperature: float) -> Floats:
+    """The pooled answers at `fusion.temperature` (3)."""
     return answers if temperature == 1.0 else temper(answers, prior, 1.0 / temperature)
 
 
@@ -241,7 +250,7 @@ def _result(
         return PooledPosterior(answers, weights, None, facing, rows)
     movements, unlearned = answers[:-1], answers.item(-1)
     total = float(np.add.reduce(movements))
-    # If something else is certain, nothing is known of the movements.
+    # If something else is certain, nothing is known about the movements.
     rows[-1] = p = movements / total if total > 0 else uniform(len(movements))
     return PooledPosterior(p, weights, min(unlearned, 1.0), facing, rows)
 

@@ -10,7 +10,7 @@
    With E the sum of ln g, from LEAST_EVIDENCE to MOST_EVIDENCE, reliability is multiplied by (1 + odds) / (1 + odds
    exp(-E)), at most 1: P(not plainly wrong) over its value at the start, with the odds of guarded_product.py. Three
    movements expose a liar; an observer that agreed before can afford one error more.
-2. The distance of two posteriors (strengths.py) tells whether their observers see the same, whatever is right:
+2. The distance of two posteriors (weighing.py) shows whether their observers see the same, whatever is right:
    rho = n/(n + c) exp(-mean distance / CORRELATION_SCALE). Two that are certain of the same teach nothing by it.
 3. All counts are multiplied by DECAY per verdict, so that an observer that agrees again is relied on again after about
    twenty.
@@ -39,7 +39,7 @@ from common.messages import VerdictMessage
 from common.probability import Floats
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.guarded_product import ODDS_OF_THREE
-from fusion.engine.strengths import log_distance
+from fusion.engine.weighing import log_distance
 
 DECAY = 0.95
 PRIOR_COUNT = 4.0

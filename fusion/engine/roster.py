@@ -1,20 +1,24 @@
 """The roster: the newest posterior of each observer of a scene, faded to its age. Pure: time is passed in.
 
+The design: fusion.md, "The roster".
+
 1. A posterior is cumulative, so only the newest by capture time is kept; two are never multiplied. Capture times are
    by the fusion machine's clock, as far as the observer's clock is known (clocks.py).
 2. A restarted observer begins a new session, which counts at once; late messages of its past sessions do not. These
    come within seconds. If only a past session is received for more than `drop_s`, it counts again, so that no single
    faulty or forged message silences an observer for good. If a past session goes on beside the new one, two processes
    have this id: its messages are counted as `same_id`.
-3. A posterior older than `fresh_s` fades towards the prior: p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior. The
-   probability of rest stays as published until `drop_s`, so that an outage of a second does not split a movement.
+3. A posterior older than `fresh_s` fades towards the prior: p <- (p/prior)^k prior, normalised, with the freshness k =
+   exp(-(age - fresh_s)/fade_s). The probability of rest stays as published until `drop_s`, so that an outage of a
+   second does not split a movement.
 4. Past `drop_s`, or before the first message, an observer contributes the prior, which is neutral. Its state is then
    `late` if it still publishes but with data that old, `foreign` or `invalid` if its last message was unusable, and
    `silent` otherwise.
 5. An observer whose process disappears is silent at once, until its next message. Its rest stays, as in rule 3.
 6. Unusable messages are counted by reason and change no posterior.
-7. An observer that has seen no body part for longer than `fresh_s` fades too, with time constant `blind_s`, however new
-   its messages are, because its posterior is from before. The next visible body part restores it.
+7. An observer that has seen no body part for longer than `fresh_s` fades too, k = exp(-(unseen - fresh_s)/blind_s), and
+   its rest towards 1 as 1 - k (1 - rest), however new its messages are, because its posterior is from before. The next
+   visible body part restores it. Both k multiply.
 8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
    One older than `drop_s`, as from a capture that is played again, neither replaces a newer one nor keeps one away.
 """
@@ -31,14 +35,14 @@ from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, left_after
-from fusion.engine.known_observer import NOTHING, KnownObserver
+from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, freshness_after
+from fusion.engine.observer_state import NO_FACETS, ObserverState
 from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap, steady_enough
 
 POOLED_STATES = ("counted", "stale")
-"""States of an observer whose posterior is pooled; in the others it contributes the prior."""
+"""Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
 SAME_ID_S = 1.0
-"""A process that has captured a frame so long after another one of its id began is not dead."""
+"""A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +65,8 @@ class AgedPosterior:
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
-    with other observers: learned from verdicts; reliability is also less for an observer that contradicts itself
-    (reliability.py). freshness: how much of its opinion is left at its age, and after how long it saw nobody, 0 to 1.
-    message: its newest one, which is not faded.
+    with other observers: learned from verdicts; reliability is also lower for an observer that contradicts itself
+    (reliability.py). freshness: k of rules 3 and 7, 0 to 1. message: its newest one, which is not faded.
     """
 
     observer: str
@@ -82,7 +85,7 @@ class AgedPosterior:
 
     @property
     def information(self) -> float:
-        """How much its newest message knows about the movement, before it fades, 0 to 1. Wanted some times a second."""
+        """Information of its newest message about the movement, not faded, 0 to 1; computed only when it is used."""
         return 0.0 if self.message is None else information_of(self.message.p, self.message.unlearned)
 
 
@@ -93,7 +96,7 @@ class Roster:
         self._set_vocabulary(vocabulary)
         self._config = config
         self._drop_ns, self._fresh_s = config.drop_s * SECOND_NS, config.fresh_s
-        self._states = {observer: KnownObserver() for observer in observers}
+        self._states = {observer: ObserverState() for observer in observers}
         self._present: frozenset[str] = frozenset()
 
     @property
@@ -105,7 +108,7 @@ class Roster:
         """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
         self._set_vocabulary(vocabulary)
         for observer, state in self._states.items():
-            self._states[observer] = KnownObserver(gone=state.gone, rejected=state.rejected)
+            self._states[observer] = ObserverState(gone=state.gone, rejected=state.rejected)
 
     def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
         self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
@@ -134,7 +137,7 @@ class Roster:
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
         facets = message.facets
-        state.facets = {name: normalise(np.array(facet)) for name, facet in facets.items()} if facets else NOTHING
+        state.facets = {name: normalise(np.array(facet)) for name, facet in facets.items()} if facets else NO_FACETS
         state.gone, state.fault = False, None
         return None
 
@@ -152,9 +155,9 @@ class Roster:
 
     def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""
-        known, steadiest, aged = records or {}, self._steadiest(now_ns), self._aged
+        records, steadiest, aged = records or {}, self._steadiest(now_ns), self._aged
         return [
-            aged(name, state, now_ns, known.get(name, NO_RECORD), steadiest) for name, state in self._states.items()
+            aged(name, state, now_ns, records.get(name, NO_RECORD), steadiest) for name, state in self._states.items()
         ]
 
     def _steadiest(self, now_ns: int) -> float:
@@ -166,7 +169,8 @@ class Roster:
                 steadiest = state.steadiness
         return steadiest or 1.0
 
-    def _rejection(self, state: KnownObserver, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
+    def _rejection(self, state: ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
+        """Why a message is not used (rules 1, 2, 6 and 8); None: it is."""
         if message.vocabulary.hash != self._digest:
             return "foreign_vocabulary"
         if len(message.p) != self._size:
@@ -195,38 +199,40 @@ class Roster:
         return None
 
     def _aged(
-        self, observer: str, state: KnownObserver, now_ns: int, record: ObserverRecord, steadiest: float
+        self, observer: str, state: ObserverState, now_ns: int, record: ObserverRecord, steadiest: float
     ) -> AgedPosterior:
         message = state.message
         if message is None:
             return self._unused(observer, state.fault or "silent", None, 1.0, record)
         age_s = (now_ns - state.captured_ns) / SECOND_NS
-        blind_s = (state.captured_ns - state.visible_ns) / SECOND_NS
+        unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
         fresh_s = self._fresh_s
-        sight = 1.0 if blind_s <= fresh_s else left_after(blind_s - fresh_s, self._config.blind_s)
-        exponent = sight if age_s <= fresh_s else sight * left_after(age_s - fresh_s, self._config.fade_s)
-        rest = state.rest if sight == 1.0 else 1.0 - sight * (1.0 - state.rest)
+        visibility = 1.0 if unseen_s <= fresh_s else freshness_after(unseen_s - fresh_s, self._config.blind_s)
+        freshness = visibility
+        if age_s > fresh_s:
+            freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
+        rest = state.rest if visibility == 1.0 else 1.0 - visibility * (1.0 - state.rest)
         if state.gone or abs(age_s) > self._config.drop_s:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
         enough = state.steady_enough * steadiest
-        # Rounded, so that one that is hardly less than 1 is exactly 1.
+        # Rounded, so that a steadiness of nearly 1 is exactly 1.
         steadiness = 1.0 if state.steadiness >= enough else round(state.steadiness / enough, 3)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            record.reliability * steadiness, record.correlations, exponent, message,
+            record.reliability * steadiness, record.correlations, freshness, message,
         )  # fmt: skip
-        return fresh if exponent == 1.0 else self._faded(fresh)
+        return fresh if freshness == 1.0 else self._faded(fresh)
 
     def _faded(self, posterior: AgedPosterior) -> AgedPosterior:
-        """As much of the posterior as `freshness` leaves (rules 3 and 7)."""
-        exponent, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
+        """The posterior faded by its `freshness` (rules 3 and 7)."""
+        freshness, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
         return replace(
             posterior,
-            p=temper(posterior.p, self.prior, exponent),
+            p=temper(posterior.p, self.prior, freshness),
             state="stale",
-            unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, exponent),
-            surprise=None if surprise is None else faded_surprise(surprise, exponent),
-            facets={name: faded_facet(facet, exponent) for name, facet in posterior.facets.items()},
+            unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, freshness),
+            surprise=None if surprise is None else faded_surprise(surprise, freshness),
+            facets={name: faded_facet(facet, freshness) for name, facet in posterior.facets.items()},
         )
 
     def _unused(
@@ -239,12 +245,14 @@ class Roster:
             record.correlations, 0.0,
         )  # fmt: skip
 
-    def _unused_state(self, state: KnownObserver, now_ns: int) -> VoteState:
+    def _unused_state(self, state: ObserverState, now_ns: int) -> VoteState:
+        """The vote state of an observer that contributes the prior (rule 4)."""
         publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
         late = publishes and state.received_ns - state.captured_ns > self._drop_ns
         return state.fault or ("late" if late else "silent")
 
     def _over_our_prior(self, message: PosteriorMessage) -> Floats:
+        """(M,) the posterior of `message` under the prior of the scene."""
         # Its sum was checked on arrival to be nearly 1.
         p = np.array(message.p)
         p /= sum(message.p)
@@ -256,7 +264,7 @@ class Roster:
 
 
 def _sees_person(message: PosteriorMessage) -> bool:
-    """Whether some body part is visible; an observer that does not say it (an audio classifier) is not blind."""
+    """Whether some body part is visible; an observer that does not publish it (an audio classifier) is not blind."""
     return not message.visible or True in message.visible.values()
 
 

@@ -1,4 +1,6 @@
-"""The start of a scene: no verdict before every observer has begun, or a short grace is over. Pure: time is passed in.
+"""The start of a scene: no verdict before every observer has begun, or a grace period is over. Pure: time is passed in.
+
+The design: fusion.md, "The start".
 
 1. The wait begins with the first posterior of any observer. It ends for good when each observer of the roster has sent
    something, and at the latest after the grace. An observer that dies later delays nothing.
@@ -16,12 +18,12 @@ from common.messages import VerdictMessage
 from common.vocabulary import ABSTAIN
 from fusion.engine.roster import AgedPosterior
 
-MOST_NAMES = 3
-"""Observers that are waited for and listed by name."""
+NAMES_LIMIT = 3
+"""Awaited observers that `why` lists by name."""
 
 
 class RosterStart:
-    """Withholds the verdicts of a scene until its roster has begun. Without a grace it never does."""
+    """Withholds the verdicts of a scene until its roster has begun. Without a grace period it never does."""
 
     def __init__(self) -> None:
         self._grace_ns = 0
@@ -47,7 +49,9 @@ class RosterStart:
         """Take one step; posteriors: one for each observer of the roster."""
         if not self.waits:
             return
-        self._missing = [each.observer for each in posteriors if each.age_s is None and each.state == "silent"]
+        self._missing = [
+            posterior.observer for posterior in posteriors if posterior.age_s is None and posterior.state == "silent"
+        ]
         if len(self._missing) == len(posteriors):
             return
         if self._since_ns is None or now_ns < self._since_ns:
@@ -59,13 +63,14 @@ class RosterStart:
         """The verdicts to publish now, of those made in this step and those withheld before."""
         if not verdicts and not self._withheld:
             return []
-        self._withheld += [each for each in verdicts if not self._is_early_abstention(each)]
+        self._withheld += [verdict for verdict in verdicts if not self._is_early_abstention(verdict)]
         if self.waits:
             return []
         released, self._withheld = self._withheld, []
         return released
 
     def _is_early_abstention(self, verdict: VerdictMessage) -> bool:
+        """Whether it is an abstention on a movement that began during the wait (rule 3)."""
         if verdict.label != ABSTAIN or verdict.revises is not None:
             return False
         return self.waits or (self._until_ns is not None and verdict.began_ns <= self._until_ns)
@@ -73,5 +78,5 @@ class RosterStart:
     @property
     def why(self) -> str:
         """Which observers have not begun, in a line."""
-        names, more = self._missing[:MOST_NAMES], len(self._missing) - MOST_NAMES
+        names, more = self._missing[:NAMES_LIMIT], len(self._missing) - NAMES_LIMIT
         return f"waiting for {', '.join(names)}{f' and {more} more' if more > 0 else ''} to begin"

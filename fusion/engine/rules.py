@@ -5,7 +5,8 @@ weights (N,). No rule depends on the order of observers, and every rule follows 
 write it and put it into RULES; tests/contracts/test_rules.py then checks these properties.
 
 The rules here have two steps, so that joint posteriors over movement and a second variable (which way the person faces)
-are pooled with the weights of the movements alone: `weigh` turns p into strengths, `mix` pools cells (N, M, K) by them.
+are pooled with the weights of the movements alone: `weigh` turns p into PoolingWeights, `mix` pools cells (N, M, K) by
+them.
 
 Weights by certainty: the paper says "weighted by certainty" and gives no formula (section V.B). Inverse entropy is this
 project's reading, after Misra, Bourlard and Tyagi, "New entropy based combination rules in HMM/ANN multi-stream ASR",
@@ -21,19 +22,20 @@ from common.errors import BadInput
 from common.probability import SMALLEST, Floats, entropy_bits, softmax
 from common.text import nearest
 from fusion.engine.guarded_pool import MOST_POOLED, guarded_pool
-from fusion.engine.guarded_product import guarded_strengths
-from fusion.engine.strengths import ENTROPY_FLOOR_BITS, ObserverTrust, RuleResult, Strengths, strengths
+from fusion.engine.guarded_product import guarded_weights
+from fusion.engine.robust_inverse_entropy import robust_weights
+from fusion.engine.weighing import ENTROPY_FLOOR_BITS, ObserverTrust, PoolingWeights, RuleResult
 
 ROBUSTNESS = 0.05
-"""eps of (1-eps) p + eps prior in robust_product and median: how often an observer may be plainly wrong."""
+"""eps of (1-eps) p + eps prior in robust_product and median: the probability that an observer is plainly wrong."""
 UNSURE_BITS = 10_000.0
-"""The entropy that Misra et al. give to a stream beyond the threshold, so that it hardly counts."""
+"""The entropy that Misra et al. give to a stream beyond the threshold, so that its weight is nearly 0."""
 
 
-Weigh = Callable[[Floats, Floats, ObserverTrust], Strengths]
-"""p (N, M), prior (M,), trust -> strengths."""
-Mix = Callable[[Floats, Floats, Strengths], Floats]
-"""cells (N, M, K), summing to 1 per observer, prior (M,), strengths -> (M, K)."""
+Weigh = Callable[[Floats, Floats, ObserverTrust], PoolingWeights]
+"""p (N, M), prior (M,), trust -> the weights of N observers."""
+Mix = Callable[[Floats, Floats, PoolingWeights], Floats]
+"""cells (N, M, K), summing to 1 per observer, prior (M,), weights -> (M, K)."""
 PoolMovements = Callable[[Floats, Floats, ObserverTrust], RuleResult]
 """p (..., N, M), prior (M,), trust -> the pooled p (..., M) and weights (..., N): both steps at once."""
 
@@ -85,13 +87,13 @@ def inverse_entropy(entropies: Floats) -> Floats:
 
 
 def inverse_entropy_static_threshold(entropies: Floats) -> Floats:
-    """IEST: as inverse_entropy, but an observer with H_i > 1 bit hardly counts."""
+    """IEST: as inverse_entropy, but the weight of an observer with H_i > 1 bit is nearly 0."""
     return inverse_entropy(np.where(entropies > 1.0, UNSURE_BITS, entropies))
 
 
 def inverse_entropy_average_threshold(entropies: Floats) -> Floats:
-    """IEAT: as inverse_entropy, but an observer less certain than the average hardly counts."""
-    # Equal entropies differ from their own mean by a rounding error, which must not silence anybody.
+    """IEAT: as inverse_entropy, but the weight of an observer less certain than the average is nearly 0."""
+    # Equal entropies differ from their own mean by a rounding error, which must not exclude an observer.
     beyond = entropies > entropies.mean() * (1 + 1e-12)
     return inverse_entropy(np.where(beyond, UNSURE_BITS, entropies))
 
@@ -111,9 +113,9 @@ def equal_weights(values: Floats) -> Floats:
 def by_entropy(weights_of: Callable[[Floats], Floats]) -> Weigh:
     """Weights from the entropies alone."""
 
-    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
+    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
         weights = weights_of(entropy_bits(p))
-        return Strengths(weights, np.zeros(len(p)), weights)
+        return PoolingWeights(weights, np.zeros(len(p)), weights)
 
     return weigh
 
@@ -121,20 +123,20 @@ def by_entropy(weights_of: Callable[[Floats], Floats]) -> Weigh:
 def same_exponent(exponent: Callable[[int], float], epsilon: float = 0.0) -> Weigh:
     """The same exponent for every observer, a function of their number."""
 
-    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
-        return Strengths(np.full(len(p), exponent(len(p))), np.full(len(p), epsilon), equal_weights(p[:, 0]))
+    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
+        return PoolingWeights(np.full(len(p), exponent(len(p))), np.full(len(p), epsilon), equal_weights(p[:, 0]))
 
     return weigh
 
 
-def chernoff(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
+def chernoff(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
     """P proportional to p_1^a p_2^(1-a), a in [0, 1] minimising sum p_1^a p_2^(1-a): safe for unknown dependence.
 
     Hurley, "An information theoretic justification for covariance intersection", FUSION 2002. Two observers.
     The sum is convex in a; golden section finds its minimum to 1e-9.
     """
     if len(p) == 1:
-        return Strengths(np.ones(1), np.zeros(1), np.ones(1))
+        return PoolingWeights(np.ones(1), np.zeros(1), np.ones(1))
     if len(p) > 2:
         raise BadInput(f"fusion.rule = 'chernoff': takes at most 2 observers, here are {len(p)}; try 'log'")
     logs = _safe_log(p)
@@ -150,78 +152,81 @@ def chernoff(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
         low, high = (low, right) if f_left < f_right else (left, high) if f_right < f_left else (left, right)
     a = (low + high) / 2
     weights = np.array([a, 1 - a])
-    return Strengths(weights, np.zeros(2), weights)
+    return PoolingWeights(weights, np.zeros(2), weights)
 
 
 # Mixes
 
 
-def linear_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+def linear_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
     """P = sum_i w_i p_i; lies between the smallest and the largest p_i."""
     mixed: Floats = np.tensordot(weighed.exponents, cells, 1)
     pooled: Floats = mixed / mixed.sum()
     return pooled
 
 
-def log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+def log_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
     """P proportional to prior prod_i (p~_i/prior)^w_i, p~ = (1-eps) p + eps prior.
 
     - w = 1/N, eps = 0: the log pool, idempotent, and externally Bayesian because the weights sum to 1.
     - w = 1, eps = 0: Bayes' rule for independent observers that share the prior. With eps > 0 the same without vetoes.
-    - robust_inverse_entropy's strengths: certainty weighs; no observer counts more than twice, nor with greater odds
-      than eps allows.
+    - robust_inverse_entropy: certainty weighs; no observer counts more than twice, nor with greater odds than eps
+      allows.
     """
     if cells.shape[-1] == 1:
-        evidence = _movement_evidence(cells[..., 0], prior, weighed.epsilon)
-        logs = np.log(prior) + (weighed.exponents[..., None, :] @ evidence)[..., 0, :]
+        log_ratio = _log_ratio(cells[..., 0], prior, weighed.epsilon)
+        logs = np.log(prior) + (weighed.exponents[..., None, :] @ log_ratio)[..., 0, :]
         return softmax(logs)[..., None]
-    evidence = np.tensordot(weighed.exponents, _joint_evidence(cells, prior, weighed.epsilon), 1)
-    return softmax((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
+    log_ratio = np.tensordot(weighed.exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
+    return softmax((np.log(prior)[:, None] + log_ratio).reshape(-1)).reshape(log_ratio.shape)
 
 
-def averaged_log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+def averaged_log_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
     """The average of `log_mix` over the hypotheses of `weighed`, by their probabilities (guarded_product.py)."""
     hypotheses = np.ones(1) if weighed.hypotheses is None else weighed.hypotheses
     if cells.shape[-1] == 1:
-        evidence = _movement_evidence(cells[..., 0], prior, weighed.epsilon)
-        pooled = softmax(np.log(prior) + weighed.exponents @ evidence)
+        log_ratio = _log_ratio(cells[..., 0], prior, weighed.epsilon)
+        pooled = softmax(np.log(prior) + weighed.exponents @ log_ratio)
         return (hypotheses[..., None, :] @ pooled)[..., 0, :, None]
-    evidence = np.tensordot(weighed.exponents, _joint_evidence(cells, prior, weighed.epsilon), 1)
-    logs = (np.log(prior)[:, None] + evidence).reshape(len(hypotheses), -1)
-    return (hypotheses @ softmax(logs)).reshape(evidence.shape[1:])
+    log_ratio = np.tensordot(weighed.exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
+    logs = (np.log(prior)[:, None] + log_ratio).reshape(len(hypotheses), -1)
+    return (hypotheses @ softmax(logs)).reshape(log_ratio.shape[1:])
 
 
 def guarded_product(p: Floats, prior: Floats, trust: ObserverTrust) -> RuleResult:
-    """`guarded_pool`, or the plain form of more observers, of many scenes one by one: their products differ in bits."""
+    """`guarded_pool`; for more than MOST_POOLED observers the plain form, scene by scene.
+
+    The plain form of many scenes together would differ from that of each alone in the last bits.
+    """
     if p.shape[-2] <= MOST_POOLED:
         return guarded_pool(p, prior, trust)
     if p.ndim == 3:
         trusts = [ObserverTrust(*scene) for scene in zip(trust.trust, trust.correlations, strict=True)]
         results = [guarded_product(scene, prior, own) for scene, own in zip(p, trusts, strict=True)]
-        return RuleResult(np.array([each.p for each in results]), np.array([each.weights for each in results]))
-    weighed = guarded_strengths(p, prior, trust)
+        return RuleResult(np.array([result.p for result in results]), np.array([result.weights for result in results]))
+    weighed = guarded_weights(p, prior, trust)
     return RuleResult(averaged_log_mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
 
 
-def _movement_evidence(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
-    """(..., N, M) ln(p~/prior)."""
+def _log_ratio(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
+    """(..., N, M) ln(p~/prior), the log likelihood up to a constant per observer. epsilon (..., N)."""
     return _safe_log((1 - epsilon)[..., None] * (p / prior) + epsilon[..., None])
 
 
-def _joint_evidence(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
-    """(N, M, K) log of p~ over the prior.
+def _joint_log_ratio(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
+    """(N, M, K) ln of p~ over the prior.
 
-    eps is mixed into the movements and, within each movement, into the second variable. It therefore bounds what one
-    observer can do to the movement as it does without K.
+    eps is mixed into the movements and, within each movement, into the second variable. It therefore bounds the
+    influence of one observer on the movement as it does without K.
     """
     p, size = cells.sum(axis=2), cells.shape[2]
     inside = np.where(p[:, :, None] > 0, cells / np.maximum(p, SMALLEST)[:, :, None], 1.0 / size)
     robust = (1 - epsilon)[:, None, None] * inside * size + epsilon[:, None, None]
-    evidence: Floats = _movement_evidence(p, prior, epsilon)[:, :, None] + _safe_log(robust)
-    return evidence
+    log_ratio: Floats = _log_ratio(p, prior, epsilon)[:, :, None] + _safe_log(robust)
+    return log_ratio
 
 
-def median_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+def median_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
     """The median over observers of the log odds ln(p/(1-p)) of each movement, normalised."""
     flat = prior[None, :, None] / cells.shape[2]
     epsilon = weighed.epsilon[:, None, None]
@@ -233,6 +238,7 @@ def median_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
 
 
 def _safe_log(p: Floats) -> Floats:
+    """ln p, finite also for 0."""
     logs: Floats = np.log(np.maximum(p, SMALLEST))
     return logs
 
@@ -240,8 +246,8 @@ def _safe_log(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
-        two_step_rule("guarded_product", guarded_strengths, averaged_log_mix, pool_movements=guarded_product),
-        two_step_rule("robust_inverse_entropy", strengths, log_mix),
+        two_step_rule("guarded_product", guarded_weights, averaged_log_mix, pool_movements=guarded_product),
+        two_step_rule("robust_inverse_entropy", robust_weights, log_mix),
         two_step_rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
         two_step_rule("iest", by_entropy(inverse_entropy_static_threshold), linear_mix),
         two_step_rule("ieat", by_entropy(inverse_entropy_average_threshold), linear_mix),

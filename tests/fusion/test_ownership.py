@@ -39,14 +39,14 @@ class Room:
         alive = {n for n in self.services if n not in self.dead and self.connected(n, name)}
         for other, epoch, at_s in self.published:
             if other != name and at_s > self.now_s - STEP_S - 1e-9 and self.connected(name, other):
-                own.published(other, epoch, self.now_s)
+                own.record_message(other, epoch, self.now_s)
         own.set_alive(alive, self.now_s)
         role = own.update(self.now_s)
         if role is Role.REQUESTING:
             owner = own.owner
             asked = owner not in self.dead | self.frozen and self.connected(name, owner)
-            if asked and self.services[owner].give_to(name, self.now_s):
-                own.handed_over()
+            if asked and self.services[owner].hand_over_to(name, self.now_s):
+                own.complete_handover()
         if own.role is Role.OWNER:
             self.published.append((name, own.epoch, self.now_s))
             return name
@@ -67,7 +67,7 @@ def standby():
     standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
     standby.set_alive({"a", "b"}, 0.0)
     standby.update(0.0)
-    assert standby.published("a", 1, 0.1)
+    assert standby.record_message("a", 1, 0.1)
     return standby
 
 
@@ -121,7 +121,7 @@ def test_a_lone_service_owns_its_scene_at_once_and_for_ever():
     assert alone.update(0.0) is Role.OWNER
     assert alone.update(1000.0) is Role.OWNER
     alone.set_alive({"a", "stranger"}, 1000.0)
-    assert not alone.published("stranger", 99, 1000.0) and alone.update(1000.1) is Role.OWNER
+    assert not alone.record_message("stranger", 99, 1000.0) and alone.update(1000.1) is Role.OWNER
 
 
 def test_shared_scenes_move_to_the_first_in_rank_by_handover_without_a_gap():
@@ -146,7 +146,7 @@ def test_a_scene_that_was_given_away_comes_back_when_the_new_owner_never_publish
     room.begin(first)
     room.frozen.add(first)
     room.step()
-    assert room.services[second].give_to(first, room.now_s)
+    assert room.services[second].hand_over_to(first, room.now_s)
     room.step(7)
     assert room.owner == second
 
@@ -155,11 +155,11 @@ def test_only_a_living_service_of_higher_rank_is_given_a_scene():
     first, second = rendezvous_rank("dojo", ("x", "y"))
     room = Room([first, second])
     room.step(20)
-    assert not room.services[first].give_to(second, room.now_s)
-    assert not room.services[first].give_to("stranger", room.now_s)
+    assert not room.services[first].hand_over_to(second, room.now_s)
+    assert not room.services[first].hand_over_to("stranger", room.now_s)
     named = Room(NAMED, NAMED)
     named.step(10)
-    assert not named.services["a"].give_to("b", named.now_s)
+    assert not named.services["a"].hand_over_to("b", named.now_s)
 
 
 def test_a_service_that_lost_its_connection_does_not_take_over(standby):
@@ -170,14 +170,14 @@ def test_a_service_that_lost_its_connection_does_not_take_over(standby):
     for n in range(30, 34):
         assert standby.update(n * STEP_S) is Role.STANDBY
     standby.set_alive({"a", "b"}, 3.4)
-    assert standby.published("a", 1, 3.4) and standby.update(3.4) is Role.STANDBY and standby.epoch == 1
+    assert standby.record_message("a", 1, 3.4) and standby.update(3.4) is Role.STANDBY and standby.epoch == 1
 
 
 def test_a_service_that_shares_scenes_listens_first_when_its_connection_is_back():
     """The router died and is back; the owner's token comes a moment later than the connection."""
     shared = Ownership("b", "dojo", (), TAKEOVER_S)
     shared.set_alive({"a", "b"}, 0.0)
-    assert shared.update(0.0) is Role.STANDBY and shared.published("a", 3, 0.0)
+    assert shared.update(0.0) is Role.STANDBY and shared.record_message("a", 3, 0.0)
     shared.set_alive({}, 0.1)
     for n in range(1, 30):
         assert shared.update(n * STEP_S, connected=lambda: False) is not Role.OWNER
@@ -191,7 +191,7 @@ def test_a_service_that_hears_no_observer_does_not_take_over_from_a_silent_owner
     """The router is frozen: all tokens stay, and everybody is silent."""
     for n in range(2, 30):
         assert standby.update(n * STEP_S, connected=lambda: False) is Role.STANDBY
-    assert standby.published("a", 1, 2.9) and standby.update(2.9) is Role.STANDBY and standby.epoch == 1
+    assert standby.record_message("a", 1, 2.9) and standby.update(2.9) is Role.STANDBY and standby.epoch == 1
     for n in range(30, 36):
         standby.update(n * STEP_S)
     assert standby.role is Role.OWNER
@@ -212,7 +212,7 @@ def test_of_two_services_that_slept_together_the_owner_comes_back(owner, other):
     room.step(12)
     room.frozen.clear()
     room.services[other].update(room.now_s)
-    assert room.services[other].published(owner, epoch, room.now_s)
+    assert room.services[other].record_message(owner, epoch, room.now_s)
     room.step(20)
     assert all(owners in ([], [owner]) for owners in room.owners[-20:]) and room.owner == owner
 
@@ -226,21 +226,21 @@ def test_an_owner_that_slept_does_not_follow_the_one_that_stands_down_for_it():
     owner.epoch = 2
     owner.set_alive({"a", "b"}, 2.6)
     assert owner.update(2.6) is Role.STANDBY
-    assert not owner.published("a", 1, 2.6)
+    assert not owner.record_message("a", 1, 2.6)
     for n in range(27, 38):
         owner.update(n * STEP_S)
     assert (owner.role, owner.epoch) == (Role.OWNER, 3)
 
 
-def test_unread_messages_are_signs_of_life(standby):
+def test_messages_that_are_not_decoded_are_heartbeats(standby):
     for n in range(2, 50):
-        standby.sign_of_life(n * STEP_S)
+        standby.record_heartbeat(n * STEP_S)
         assert standby.update(n * STEP_S) is Role.STANDBY
 
 
 def test_the_last_message_of_a_dead_owner_does_not_bring_it_back(standby):
     standby.set_alive({"b"}, 0.2)
-    assert not standby.published("a", 1, 0.2)
+    assert not standby.record_message("a", 1, 0.2)
     assert standby.update(0.2) is Role.OWNER and standby.epoch == 2
 
 

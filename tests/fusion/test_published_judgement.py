@@ -7,7 +7,7 @@ import pytest
 from benchmarks.posteriors import engine_of, message, random_posteriors, scene_of
 from common.messages import JudgementMessage
 from common.wire import decode, encode
-from fusion.publisher import FIRST, VerdictPublisher
+from fusion.publisher import FULL_VOTES_AT_START, VerdictPublisher
 
 START_NS = 1_700_000_000_000_000_000
 MOST_BYTES = 900
@@ -35,9 +35,9 @@ class Session:
 @pytest.fixture(scope="module")
 def judgements():
     """Of four observers and twenty movements."""
-    scene, p = scene_of(4), random_posteriors(4 * (FIRST + 3))
+    scene, p = scene_of(4), random_posteriors(4 * (FULL_VOTES_AT_START + 3))
     engine, result = engine_of(scene), []
-    for seq in range(FIRST + 3):
+    for seq in range(FULL_VOTES_AT_START + 3):
         at_ns = START_NS + seq * 16_666_667
         for n, name in enumerate(scene.roster):
             assert engine.receive(name, message(name, seq, at_ns, p[4 * seq + n]), at_ns) is None
@@ -66,7 +66,7 @@ def test_a_judgement_has_less_than_900_bytes_and_shows_what_each_observer_believ
 def test_full_votes_come_first_at_the_start_and_then_only_while_somebody_wants_them(judgements):
     session = Session()
     names = [name for name, _ in published(judgements, session)]
-    assert names == ["votes", "judgement"] * FIRST + ["judgement"] * 3
+    assert names == ["votes", "judgement"] * FULL_VOTES_AT_START + ["judgement"] * 3
     session.put.clear()
     session.subscribed.add("votes")
     pairs = published(judgements, session)

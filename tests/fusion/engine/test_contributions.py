@@ -47,3 +47,6 @@ def test_of_an_abstention_it_is_to_the_likeliest_answer_also_to_something_else()
     assert pool_posteriors(case("product", *votes)).answers.argmax() == 3
     result = contributions(case("product", *votes), None)
     assert result["a"].nats > 0 and not result["a"].stands and result["b"].nats < 0 and result["b"].stands
+    # Without the only observer that publishes it, something else is as likely as any movement: 1/4.
+    answers = pool_posteriors(case("product", *votes)).answers
+    assert result["a"].nats == pytest.approx(math.log(answers[3] / answers[:3].max()) - math.log(0.25 / 0.3))

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
-from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_strengths
+from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_weights
 from fusion.engine.rules import DEFAULT_RULE, RULES
-from fusion.engine.strengths import ObserverTrust, off_diagonal
+from fusion.engine.weighing import ObserverTrust, off_diagonal
 
 RULE = RULES["guarded_product"]
 HONEST = np.array([[0.7, 0.1, 0.1, 0.1], [0.6, 0.2, 0.05, 0.15], [0.55, 0.1, 0.2, 0.15], [0.5, 0.15, 0.15, 0.2]])
@@ -31,7 +31,7 @@ def pool(p, prior=None, trust=None):
 
 def weighed(p, trust=None):
     p = np.asarray(p, dtype=float)
-    return guarded_strengths(p, uniform(p.shape[1]), trust or ObserverTrust.unknown(len(p)))
+    return guarded_weights(p, uniform(p.shape[1]), trust or ObserverTrust.unknown(len(p)))
 
 
 def product(p):
@@ -168,6 +168,13 @@ def test_any_number_at_the_prior_change_nothing_and_one_near_it_hardly(p, many, 
     assert pool(np.vstack([p, nearly])) == pytest.approx(pool(p), abs=5e-3)
 
 
+def test_an_observer_at_the_prior_takes_no_weight_from_those_that_it_was_learned_to_be_correlated_with():
+    p = np.array([[0.8, 0.1, 0.05, 0.05], [0.1, 0.6, 0.2, 0.1], [0.25] * 4])
+    correlations = np.zeros((3, 3))
+    correlations[2, :2] = correlations[:2, 2] = 1.0
+    assert pool(p, trust=ObserverTrust(np.ones(3), correlations)) == pytest.approx(pool(p[:2]), abs=1e-9)
+
+
 @given(posteriors(1, 0.05), st.integers(2, 6))
 def test_copies_of_one_posterior_count_as_one(p, copies):
     assert pool(np.repeat(p, copies, axis=0)) == pytest.approx(pool(p), abs=1e-6)
@@ -180,7 +187,7 @@ def test_a_pair_that_sees_the_same_does_not_outvote_one_that_sees_more():
     assert pool([pair, pair, other]).argmax() == 1
 
 
-def test_observers_that_were_learned_to_be_correlated_share_one_voice():
+def test_observers_that_were_learned_to_be_correlated_share_one_weight():
     p = np.array([[0.8, 0.1, 0.05, 0.05], [0.6, 0.25, 0.1, 0.05], [0.5, 0.1, 0.3, 0.1]])
     correlations = np.zeros((3, 3))
     correlations[0, 1] = correlations[1, 0] = 1.0

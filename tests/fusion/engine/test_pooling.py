@@ -1,6 +1,7 @@
 """Pooling of movements, "something else", facing and facets."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from common.probability import normalise, uniform
 from fusion.engine.pooling import (
     PoolingCase,
     facing_deg,
+    newest_capture_ns,
     observer_trust,
     pool_facets,
     pool_joint,
@@ -167,6 +169,24 @@ def test_a_facet_is_pooled_over_the_observers_that_publish_it_with_as_many_value
     result = pool_facets(DEFAULT, votes)
     assert set(result) == {"time"}
     assert result["time"] == pytest.approx(DEFAULT.pool(np.array([first, second]), uniform(2)).p)
+
+
+def test_of_equally_common_numbers_of_values_the_larger_counts_and_reliability_weighs_facets():
+    two, three = np.array([0.2, 0.8]), np.array([0.5, 0.3, 0.2])
+    assert len(pool_facets(DEFAULT, posteriors({"facets": {"time": two}}, {"facets": {"time": three}}))["time"]) == 3
+    doubted = {"facets": {"time": two}, "reliability": 0.1}
+    result = pool_facets(DEFAULT, posteriors(doubted, {"facets": {"time": two[::-1]}}))
+    assert result["time"][0] > 0.7
+
+
+def test_the_newest_capture_is_that_of_a_pooled_posterior_and_not_in_the_future():
+    def newest(*ages_s):
+        votes = posteriors({}, {"state": "late"}, {})
+        return newest_capture_ns([replace(v, age_s=s) for v, s in zip(votes, ages_s, strict=True)], 10**9)
+
+    assert newest(0.5, 0.2, None) == 5 * 10**8
+    assert newest(-0.5, 0.2, 0.3) == 10**9
+    assert newest(None, 0.2, None) is None
 
 
 def test_invented_facets_are_limited():

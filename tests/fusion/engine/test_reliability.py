@@ -1,5 +1,6 @@
 """Reliability: a sure and wrong observer loses it and regains it by agreeing; correlated observers are found."""
 
+import math
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -12,8 +13,11 @@ from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.reliability import (
     MIN_RELIABILITY,
     Reliability,
+    information_of,
     learn_from_verdict,
+    overlap_of,
     steadiness_after,
+    steadiness_after_overlap,
     steady_enough,
 )
 
@@ -112,10 +116,21 @@ def test_being_certain_of_the_same_is_no_correlation():
     assert after(30, {name: sure("bow", 1.0) for name in "abc"}).correlations("a") == {}
 
 
+def test_rho_grows_with_the_number_of_verdicts():
+    same = {name: sure("bow", 0.5) for name in "ab"}
+    assert [after(n, same).correlations("a")["b"] for n in (1, 2)] == [0.2, round(1.95 / 5.95, 3)]
+
+
+def test_long_agreement_excuses_few_errors():
+    agreed = after(100, {**RIGHT, "d": sure("bow", 0.95)})
+    assert after(1, ONE_WRONG, agreed).reliability("d") > 0.9 > 0.05 > after(5, ONE_WRONG, agreed).reliability("d")
+
+
 def test_an_observer_that_left_is_forgotten():
     remaining = {name: p for name, p in RIGHT.items() if name != "c"}
     reliability = after(300, remaining, after(20, RIGHT))
     assert set(reliability.right) <= {"a", "b"} and set(reliability.times) <= {"a b"}
+    assert set(reliability.evidence) <= {"a", "b"}
 
 
 POSTERIORS = st.dictionaries(st.sampled_from("abcd"), st.sampled_from([None, (1, 0, 0, 0), (0.25,) * 4, sure("kick")]))
@@ -161,6 +176,23 @@ def test_an_observer_that_jumps_about_is_not_steady_and_one_that_follows_its_evi
     assert steadiness(changes) > 0.9
     # It is regained in a second, and long gaps tell nothing.
     assert steadiness([*jumps, *[sure("bow")] * 20]) > 0.8 and steadiness(jumps, seconds=0.4) == 1.0
+
+
+def test_overlap_and_steadiness_by_the_formula():
+    p, q = np.array([0.7, 0.1, 0.1, 0.1]), np.array([0.1, 0.7, 0.1, 0.1])
+    assert overlap_of(p, 0.6, q, 0.8) == pytest.approx(5 * (0.4 * 0.2 * float(p @ q) + 0.6 * 0.8))
+    assert overlap_of(p, None, q, None) == pytest.approx(5 * (0.8**2 * float(p @ q) + 0.2**2))
+    # At 4 Hz one contradiction counts as o = 0.3, over eight messages; at 20 Hz as 0.01, over 0.25 s.
+    assert steadiness_after_overlap(1.0, 0.0, 0.25) == pytest.approx(0.3 ** (2 * (1 - math.exp(-1 / 8))))
+    assert steadiness_after_overlap(1.0, 0.0, 0.05) == pytest.approx(0.01 ** (2 * (1 - math.exp(-0.2))))
+
+
+@pytest.mark.parametrize(
+    ("p", "unlearned", "information"),
+    [((1, 0, 0, 0), None, 1.0), ((0.25,) * 4, 0.0, 0.0), ((0.5, 0.5, 0, 0), 0.0, 0.5), ((1, 0, 0, 0), 0.75, 0.25)],
+)
+def test_the_information_of_a_posterior(p, unlearned, information):
+    assert information_of(p, unlearned) == pytest.approx(information)
 
 
 @given(

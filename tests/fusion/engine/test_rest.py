@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from common import SECOND_NS
 from common.messages import PosteriorMessage
 from fusion.engine.explanation import CONTESTED_REST
-from fusion.engine.rest import pooled_rest
+from fusion.engine.rest import RestPool, pooled_rest
 from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
 
 STEP_NS = 100_000_000
@@ -158,6 +158,17 @@ def test_where_two_contradict_each_other_and_nothing_tells_which_is_wrong_no_mov
     decided = [verdict.label for verdict in scene.verdicts if verdict.stage == "decided"]
     assert [label for label in decided if label != LABELS[2]] == (list(movements) if word else [])
     assert word or reasons[-1].startswith(CONTESTED_REST)
+
+
+def test_contested_rest_stays_until_the_two_agree_again():
+    pool, states = RestPool(), []
+    for n in range(120):
+        other = 0.05 if n < 100 else 0.95
+        rest = pool.update([aged_rest(0, 0.95, 1.0), aged_rest(1, other, 1.0)], (n + 1) * STEP_NS)
+        states.append((pool.contested, rest))
+    # Never stuck: both sides are as they were from the start, so that each loses trust alike.
+    assert states[99] == (True, states[60][1])
+    assert states[-1] == (True, pytest.approx(0.95)), "long contested, and they agree now"
 
 
 def test_a_clock_that_was_set_back_begins_anew():

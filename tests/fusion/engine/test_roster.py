@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
-from fusion.engine.known_observer import SESSIONS_KEPT
-from fusion.engine.roster import Roster
+from fusion.engine.observer_state import SESSIONS_LIMIT
+from fusion.engine.reliability import steadiness_after_overlap, steady_enough
+from fusion.engine.roster import ObserverRecord, Roster
 
 OTHER_VOCABULARY = Vocabulary(("bow", "punch", "lunge"))
 CONFIG = FusionConfig(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
@@ -87,10 +88,10 @@ def test_rule_2_two_processes_of_one_id_are_reported_and_the_one_that_started_la
 
 def test_rule_2_endless_restarts_cost_no_memory():
     cam = Cam1()
-    for n in range(3 * SESSIONS_KEPT):
+    for n in range(3 * SESSIONS_LIMIT):
         assert cam.receive(message(NOW + n, session=str(n)), NOW + n) is None
     assert cam.receive(message(NOW + SECOND_NS, session=str(n - 1)), NOW + SECOND_NS) == "past_session"
-    assert len(cam.roster._states["cam1"].past_sessions) == SESSIONS_KEPT
+    assert len(cam.roster._states["cam1"].past_sessions) == SESSIONS_LIMIT
 
 
 @pytest.mark.parametrize("faulty", [message(seq=2**62), message(NOW + 1, session="forged", seq=0)])
@@ -225,12 +226,77 @@ def test_rule_7_an_observer_that_sees_nothing_fades_by_the_formula_and_is_restor
     assert unsaid.at(after(1)).p == pytest.approx(P)  # an observer that does not publish `visible` is not blind
 
 
+def test_rules_3_and_7_an_observer_that_sees_nothing_and_falls_silent_fades_by_both_and_towards_rest():
+    cam = Cam1(message())
+    cam.receive(message(after(0.5), seq=1, visible={"head": False}), after(0.5))
+    posterior, visibility = cam.at(after(0.9)), math.exp(-(0.5 - 0.2) / 0.15)
+    assert posterior.p == pytest.approx(tempered(P, visibility * math.exp(-(0.4 - 0.2) / 0.5)))
+    assert posterior.rest == pytest.approx(1 - visibility * (1 - 0.1))
+
+
 def test_rule_8_a_clock_set_back_blocks_nobody_and_leaves_no_posterior_for_ever():
     cam, before = Cam1(message(seq=5)), after(-3600)
     assert cam.state(before) == "silent"
     assert cam.receive(message(before, seq=6), before) is None and cam.state(before) == "counted"
+    ahead = Cam1(message(after(1.9), seq=5))
+    before = after(-1.5)  # the posterior is now dated 3.4 s ahead, and was received 1.5 s ahead
+    assert ahead.receive(message(before, seq=6), before) is None
     ahead = Cam1(message(after(1.9)))
     assert ahead.state() == "counted" and ahead.at().age_s == pytest.approx(-1.9)
+
+
+def test_rule_8_a_capture_that_is_played_again_neither_replaces_a_newer_posterior_nor_keeps_one_away():
+    cam = Cam1(message())
+    assert cam.receive(message(after(-3600), seq=1, session="an hour ago")) == "out_of_order"
+    assert cam.state() == "counted" and cam.at().age_s == 0
+    late = Cam1(message(after(-3)))
+    assert late.receive(message(after(-3))) == "repeated"
+    assert late.receive(message(after(-2.5), seq=1)) is None
+
+
+def test_rule_2_a_past_session_counts_again_once_nothing_else_was_received_for_drop_s():
+    cam = Cam1(message(NOW - 1, session="a"), message(after(1.9), session="forged"))
+    assert cam.receive(message(after(1.9), seq=1, session="a"), after(1.9)) == "same_id"
+    assert cam.receive(message(after(2.5), seq=2, session="a"), after(2.5)) is None
+
+
+# Steadiness
+
+
+def jumping(seconds):
+    """Two observers: the first changes its mind with each of 15 messages, the second never does."""
+    cam = Cam1()
+    for n in range(15):
+        now_ns = after(n * seconds)
+        cam.receive(message(now_ns, seq=n, p=OTHER_P if n % 2 else P), now_ns)
+        cam.receive(message(now_ns, seq=n), now_ns, "cam2")
+    return cam, now_ns
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.25], ids=["20 Hz", "4 Hz"])
+def test_an_observer_that_contradicts_itself_is_less_reliable_by_its_share_of_the_steadiest(seconds):
+    cam, now_ns = jumping(seconds)
+    neutral, level = 1 / 4, 1.0
+    overlap = 4 * ((1 - neutral) ** 2 * float(np.dot(P, OTHER_P)) + neutral**2)
+    for _ in range(14):
+        level = steadiness_after_overlap(level, overlap, seconds)
+    expected = min(level / steady_enough(seconds), 1.0)
+    first, second = cam.roster.posteriors(now_ns, {"cam1": ObserverRecord(reliability=0.5)})
+    assert first.reliability == pytest.approx(0.5 * expected, abs=1e-3) and second.reliability == 1.0
+    assert expected < 1.0
+
+
+@pytest.mark.parametrize("gone", [True, False], ids=["disappeared", "dropped"])
+def test_steadiness_is_compared_with_observers_that_are_pooled(gone):
+    cam, now_ns = jumping(0.05)
+    assert cam.at(now_ns).reliability < 1.0
+    if gone:
+        cam.roster.set_present(frozenset({"cam1", "cam2"}))
+        cam.roster.set_present(frozenset({"cam1"}))
+    else:
+        now_ns += 3 * SECOND_NS
+        cam.receive(message(now_ns, seq=9), now_ns)
+    assert cam.at(now_ns).reliability == 1.0
 
 
 # Foreign observers

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from common.errors import BadInput
 from common.probability import entropy_bits, normalise, uniform
 from fusion.engine import rules
 from fusion.engine.rules import ROBUSTNESS, RULES
@@ -83,6 +84,17 @@ def test_median_ignores_one_outlier_of_three():
     assert pool("median", [p, p, [0.0, 0.0, 1.0]]) == pytest.approx(pool("median", [p] * 3))
 
 
+def test_the_median_of_one_is_its_own_robust_posterior():
+    p = np.array([0.8, 0.15, 0.05])
+    assert pool("median", [p]) == pytest.approx((1 - ROBUSTNESS) * p + ROBUSTNESS / 3)
+
+
+def test_chernoff_takes_two_observers_and_no_more():
+    assert rules.get_rule("chernoff", 2).most_observers == 2
+    with pytest.raises(BadInput, match="takes at most 2 observers, here are 3"):
+        rules.get_rule("chernoff", 3)
+
+
 def test_one_outlier_cannot_move_the_log_odds_beyond_the_bound():
     m = 4
     bound = np.log((1 - ROBUSTNESS + ROBUSTNESS / m) / (ROBUSTNESS / m))
@@ -111,6 +123,9 @@ PLAIN, STATIC, AVERAGE, LEAST = (
         (STATIC, [0.5, 1.0, 2.0], [2 / 3, 1 / 3, 0]),
         (AVERAGE, [1.0, 2.0, 3.3], [2 / 3, 1 / 3, 0]),
         (LEAST, [0.3, 0.3, 0.4], [0.5, 0.5, 0]),
+        # Equal but for round-off
+        (LEAST, [0.3, 0.3 + 1e-15, 0.4], [0.5, 0.5, 0]),
+        (AVERAGE, [1.0, 1.0 + 1e-13], [0.5, 0.5]),
         (rules.equal_weights, [0.3, 4.0], [0.5, 0.5]),
     ],
 )

@@ -266,7 +266,7 @@ def test_rule_5_after_a_clock_was_set_back_detection_starts_afresh():
     detector = VerdictDetector(CONFIG)
     for step in (100, 101, 102, 103):
         detector.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1))
-    assert detector.movement.decision is not None and detector.evidence_times == {103 * STEP_NS}
+    assert detector.movement.decision is not None and detector.basis_times == {103 * STEP_NS}
     results = [detector.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1)) for step in range(4)]
     assert results[:3] == [()] * 3 and results[3][0].began_ns == 0
 
@@ -275,7 +275,7 @@ def test_evidence_is_needed_until_the_end_and_no_longer():
     detector, needed = VerdictDetector(CONFIG), []
     for step, (label, p, agreeing, rest_p) in enumerate(sure(5) + sure(7, "lunge") + sure_at_rest(6, "lunge")):
         detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
-        needed.append({t // STEP_NS for t in detector.evidence_times})
+        needed.append({t // STEP_NS for t in detector.basis_times})
     assert needed == [set()] * 3 + [{3}] * 9 + [{12}] * 3 + [set()] * 3
 
 
@@ -365,16 +365,16 @@ def test_only_differences_of_time_count(steps, shift_ns):
 
 def words_after_a_gap(before, gap, after, restart=False):
     """Label and stage of the decisions of a story in which no observer is heard for `gap` steps."""
-    detector, words, heard_ns = VerdictDetector(CONFIG), [], 0
+    detector, words, newest_capture_ns = VerdictDetector(CONFIG), [], 0
     for step, (label, p, agreeing, rest_p) in enumerate(chain(before, before[-1:] * gap, after)):
         at_ns, is_heard = step * STEP_NS, not len(before) <= step < len(before) + gap
-        heard_ns = at_ns if is_heard else heard_ns
+        newest_capture_ns = at_ns if is_heard else newest_capture_ns
         if restart and not is_heard:
             # The service was killed: another one continues from its checkpoint.
             following, detector = detector, VerdictDetector(CONFIG)
-            detector.follow(following.movement, heard_ns)
+            detector.follow(following.movement, newest_capture_ns)
             continue
-        state = PooledState(at_ns, label, p, agreeing, rest_p, heard_ns=heard_ns)
+        state = PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=newest_capture_ns)
         words += [
             (d.label, d.stage, (d.ended_ns if d.stage == "ended" else d.began_ns) // STEP_NS)
             for d in detector.update(state)

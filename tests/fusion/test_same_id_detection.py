@@ -1,8 +1,8 @@
-"""Two fusion processes of one id: what each does, by the rules alone."""
+"""Two fusion processes with the same id: what each does, by the rules alone."""
 
 import pytest
 
-from fusion.twins import LAPSE_S, YOUNG_S, Stance, Twins
+from fusion.same_id_detection import LAPSE_S, YOUNG_S, SameIdDetector, Stance
 
 STEP_S, TAKEOVER_S = 0.05, 1.0
 LONG_S = YOUNG_S + 1.0
@@ -13,7 +13,9 @@ class Pair:
 
     def __init__(self, ages_s=(0.0, 0.0), epochs=(1, 1)):
         self.now_s, self.epochs = 100.0, list(epochs)
-        self.twins = [Twins(name, self.now_s - age_s, TAKEOVER_S) for name, age_s in zip("ab", ages_s, strict=True)]
+        self.detectors = [
+            SameIdDetector(name, self.now_s - age_s, TAKEOVER_S) for name, age_s in zip("ab", ages_s, strict=True)
+        ]
         self.stances, self.published = [Stance.GO_ON] * 2, []
 
     def run(self, seconds, lives=(True, True)):
@@ -27,14 +29,14 @@ class Pair:
         return self.stances
 
     def _step(self, n, other, who, lives):
-        twins, now_s = self.twins[n], self.now_s
+        detector, now_s = self.detectors[n], self.now_s
         if not lives[n] or self.stances[n] is Stance.END:
             return
         if lives[other] and self.stances[other] is not Stance.END:
-            twins.heard("ab"[other], now_s, self.epochs[other] if other in who else None)
-            if (question := twins.question(now_s)) is not None:
-                twins.answered("ab"[other], question, now_s + STEP_S / 2)
-        self.stances[n] = twins.stance(self.epochs[n], now_s)
+            detector.record_message("ab"[other], now_s, self.epochs[other] if other in who else None)
+            if (question := detector.next_question(now_s)) is not None:
+                detector.record_answer("ab"[other], question, now_s + STEP_S / 2)
+        self.stances[n] = detector.stance(self.epochs[n], now_s)
 
 
 @pytest.mark.parametrize(("epochs", "ends"), [((1, 1), 0), ((2, 1), 1), ((1, None), 1), ((None, None), 0)])
@@ -57,29 +59,29 @@ def test_of_two_that_meet_after_a_partition_one_stands_by_and_goes_on_when_the_o
 
 
 def test_messages_that_nobody_answers_for_change_nothing_for_one_that_is_not_young():
-    twins = Twins("m", 0.0, TAKEOVER_S)
+    detector = SameIdDetector("m", 0.0, TAKEOVER_S)
     for n in range(200):
         now_s = LONG_S + n * STEP_S
-        twins.heard(f"z{n}", now_s, 10**6)
-        twins.heard("zz", now_s, 10**6)
-        twins.question(now_s)
-        assert twins.stance(1, now_s) is Stance.GO_ON
+        detector.record_message(f"z{n}", now_s, 10**6)
+        detector.record_message("zz", now_s, 10**6)
+        detector.next_question(now_s)
+        assert detector.stance(1, now_s) is Stance.GO_ON
 
 
 def test_they_hold_a_young_one_back_for_a_few_seconds_at_most():
-    twins, held_s = Twins("m", 0.0, TAKEOVER_S), []
+    detector, held_s = SameIdDetector("m", 0.0, TAKEOVER_S), []
     for n in range(1, round(5 * LONG_S / STEP_S)):
         now_s = n * STEP_S
-        twins.heard(f"z{n // 20}", now_s, 10**6)
-        if twins.stance(1, now_s) is not Stance.GO_ON:
+        detector.record_message(f"z{n // 20}", now_s, 10**6)
+        if detector.stance(1, now_s) is not Stance.GO_ON:
             held_s.append(now_s)
     assert max(held_s) < YOUNG_S + LAPSE_S
 
 
 def test_answers_to_one_question_prove_nothing():
-    twins = Twins("m", 0.0, TAKEOVER_S)
-    twins.heard("z", LONG_S, 9)
-    question = twins.question(LONG_S)
+    detector = SameIdDetector("m", 0.0, TAKEOVER_S)
+    detector.record_message("z", LONG_S, 9)
+    question = detector.next_question(LONG_S)
     for _ in range(100):
-        twins.answered("z", question, LONG_S + STEP_S)
-    assert twins.stance(1, LONG_S + STEP_S) is Stance.GO_ON
+        detector.record_answer("z", question, LONG_S + STEP_S)
+    assert detector.stance(1, LONG_S + STEP_S) is Stance.GO_ON

@@ -9,8 +9,8 @@ from common.config_sections import FusionConfig
 from common.messages import OngoingMovement
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
-from fusion.publisher import SETTLE_S, Reachability
-from fusion.standing_down import OpenMovement
+from fusion.publisher import RECONNECTION_S, Reachability
+from fusion.reconciliation import UnreconciledMovement
 
 AT_NS = 1_000 * SECOND_NS
 NAMES = Vocabulary(("bow", "lunge"))
@@ -40,12 +40,12 @@ class Verdict:
     ids=["adopted", "decided otherwise", "undecided", "at rest", "adopted later"],
 )
 def test_the_movement_ends_unless_the_owner_goes_on_with_it(messages, early, late):
-    movement = OpenMovement(Verdict, AT_NS)
+    movement = UnreconciledMovement(Verdict, AT_NS)
     for message in messages:
-        movement.note(message)
+        movement.record_message(message)
     assert movement.same_as(AT_NS) == early
     assert movement.same_as(AT_NS + SECOND_NS) == late
-    assert movement.settled and movement.same_as(AT_NS + 2 * SECOND_NS) is None
+    assert movement.is_reconciled and movement.same_as(AT_NS + 2 * SECOND_NS) is None
 
 
 @given(st.lists(st.booleans(), max_size=40))
@@ -54,7 +54,7 @@ def test_verdicts_wait_until_others_have_found_the_router_too(connected):
     for step, up in enumerate(connected):
         now_s = step / 4
         down_s = down_s if up else now_s
-        assert reachable.update(up, now_s) == (now_s - down_s >= SETTLE_S)
+        assert reachable.update(up, now_s) == (now_s - down_s >= RECONNECTION_S)
 
 
 def test_a_verdict_sent_just_before_the_router_died_is_sent_again_and_once():

@@ -1,4 +1,4 @@
-"""What the roster remembers of one observer: its newest message and its sessions (roster.py, rules 2 and 6)."""
+"""The state of one observer in the roster: its newest message and its sessions (roster.py, rules 2 and 6)."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -9,23 +9,25 @@ import numpy as np
 from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise
 
-SESSIONS_KEPT = 64
-"""Past sessions remembered per observer."""
+SESSIONS_LIMIT = 64
+"""Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
 """Reasons for which a correct message is not used."""
-NOTHING: Mapping[str, Floats] = {}
+NO_FACETS: Mapping[str, Floats] = {}
 
 
 @dataclass(slots=True)
-class KnownObserver:
-    """p, rest, surprise, facets: of the newest message, as AgedPosterior has them while they are fresh; computed once
-    per message instead of once per step. session_ns: when its session began here. visible_ns: when a body part was last
-    seen.
+class ObserverState:
+    """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
-    fault: the state that the last unusable message calls for. gone: the process disappeared after its last message.
+    p, rest, surprise, facets: as in AgedPosterior while fresh. steadiness: above 0 to 1; steady_enough: the share of
+    the largest steadiness that counts as full (reliability.py, rule 6). session_ns: when its session began here.
+    captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part.
+    fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
+    last message. All times by our clock, Unix epoch.
     """
 
-    past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
+    past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
     message: PosteriorMessage | None = None
     p: Floats = field(default_factory=lambda: np.empty(0))
     rest: float = 1.0

@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
+from fusion.engine.robust_inverse_entropy import CAP, ROBUSTNESS, robust_weights
 from fusion.engine.rules import RULES
-from fusion.engine.strengths import CAP, ROBUSTNESS, ObserverTrust, similarity, strengths
+from fusion.engine.weighing import ObserverTrust, similarity
 
 RULE = RULES["robust_inverse_entropy"]
 
@@ -20,7 +21,7 @@ def pool(p, prior=None):
 
 def weighed(p, trust=None):
     p = np.asarray(p, dtype=float)
-    return strengths(p, uniform(p.shape[1]), trust or ObserverTrust.unknown(len(p)))
+    return robust_weights(p, uniform(p.shape[1]), trust or ObserverTrust.unknown(len(p)))
 
 
 def posteriors(observers, least=0.0):
@@ -47,6 +48,58 @@ def test_two_observers_by_the_formula():
     assert pool(p, prior) == pytest.approx(mass / mass.sum())
 
 
+def clip(value):
+    return min(max(value, 0.0), 1.0)
+
+
+def oracle(p, prior, trust, learned):
+    """Exponents and eps of N observers, in plain loops by rules 1 to 7."""
+    size = len(p)
+    others = [[j for j in range(size) if j != i] for i in range(size)]
+    bits = [float((row * np.log2(row / prior)).sum()) for row in p]
+    part = [min(b / 0.05, 1.0) for b in bits]
+    two, three = clip(sum(part) - 1), clip(sum(part) - 2)
+    eps = 0.01 + 0.04 * two + 0.15 * three
+    robust = [(1 - eps) * row + eps * prior for row in p]
+    inverse = [1 / max(float(-(row * np.log2(row)).sum()), 0.01) for row in robust]
+    mean = sum(a * i for a, i in zip(part, inverse, strict=True)) / sum(part)
+    surer = [min(1.2 * max(bits[j] for j in others[i]) / bits[i], 1.0) ** three for i in range(size)]
+    w = [min(inverse[i] / mean, 2.0) * trust[i] * surer[i] for i in range(size)]
+    similar = similarity(p / prior)
+    unsure = [[min((1 - (p[i] + p[j]).max() / 2) / 0.03, 1) for j in range(size)] for i in range(size)]
+    rho = [[max(similar[i, j] * unsure[i][j], learned[i, j]) * part[j] for j in range(size)] for i in range(size)]
+    factor, agreement = [1.0] * size, [1.0] * size
+    for _ in range(2):
+        factor = []
+        for i in range(size):
+            q = prior.copy()
+            for j in others[i]:
+                shared = sum(rho[j][k] * agreement[k] for k in others[i] if k != j)
+                q *= (0.8 * p[j] / prior + 0.2) ** (w[j] * agreement[j] / (1 + shared))
+            factor.append(float((q / q.sum() * p[i] / prior).sum()))
+        agreement = [min(o, 1.0) ** 2 for o in factor]
+    agreement = [min(o, 1.0) ** (2 * three) for o in factor]
+    w = [w[i] * agreement[i] / (1 + sum(rho[i][j] * agreement[j] for j in others[i])) for i in range(size)]
+    total = max(sum(a * b for a, b in zip(w, part, strict=True)), 1.0)
+    return [x * total**-0.5 for x in w], [eps / (eps + (1 - eps) * o**three) for o in factor]
+
+
+@pytest.mark.parametrize("observers", [2, 3, 4])
+def test_exponents_and_eps_are_those_of_the_rules(observers):
+    rng = np.random.default_rng(observers)
+    for _ in range(10):
+        prior = normalise(rng.uniform(0.5, 1.5, 4))
+        p = normalise(rng.dirichlet(np.full(4, 0.5), observers) + 0.01)
+        # One that is hardly surer than the prior, and one that is much surer than all.
+        p[0] = normalise(prior + rng.uniform(0, 0.1, 4))
+        p[-1] = normalise(p[-1] ** 3)
+        trust, learned = rng.uniform(0.1, 1, observers), np.triu(rng.uniform(0, 1, (observers, observers)), 1)
+        learned += learned.T
+        result = robust_weights(p, prior, ObserverTrust(trust, learned))
+        exponents, epsilon = oracle(p, prior, trust, learned)
+        assert result.exponents == pytest.approx(exponents) and result.epsilon == pytest.approx(epsilon)
+
+
 @given(posteriors(1, 0.01))
 def test_a_single_posterior_stays_as_it_is(p):
     assert pool(p) == pytest.approx(p[0], abs=0.011)
@@ -67,13 +120,13 @@ def test_identical_posteriors_have_the_same_exponent_and_none_is_similar_to_itse
     assert similarity(p / uniform(p.shape[1])).diagonal() == pytest.approx(0)
 
 
-def test_identical_observers_share_one_voice():
+def test_identical_observers_share_one_weight():
     door, wheel, table = [0.8, 0.1, 0.05, 0.05], [0.1, 0.7, 0.1, 0.1], [0.4, 0.3, 0.2, 0.1]
     one, two = weighed([door, wheel, table]).exponents, weighed([door, door, wheel, table]).exponents
     assert two[0] + two[1] < 1.35 * one[0]
 
 
-def test_observers_that_were_learned_to_be_correlated_share_one_voice():
+def test_observers_that_were_learned_to_be_correlated_share_one_weight():
     p = np.array([[0.8, 0.1, 0.05, 0.05], [0.6, 0.25, 0.1, 0.05], [0.5, 0.1, 0.3, 0.1]])
     correlations = np.zeros((3, 3))
     correlations[0, 1] = correlations[1, 0] = 1.0

@@ -1,6 +1,6 @@
-"""What the engine keeps of earlier steps, for the verdicts that rest on them.
+"""Earlier steps that the engine keeps, because later verdicts are based on them.
 
-Nothing changes these; not frozen, as AgedPosterior.
+Nothing changes these; they are not frozen, as AgedPosterior is not.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,8 +12,8 @@ from fusion.engine.roster import AgedPosterior
 
 
 @dataclass(slots=True)
-class VerdictEvidence:
-    """A judgement that a verdict may rest on, its posteriors, and what a label lacked then.
+class VerdictBasis:
+    """A judgement that a verdict may be based on, its posteriors, and what a label lacked then.
 
     Without posteriors if it is a verdict, or came from another service.
     """
@@ -23,7 +23,8 @@ class VerdictEvidence:
     why: str | None = None
 
 
-NO_EVIDENCE: Mapping[int, VerdictEvidence] = {}
+NO_BASES: Mapping[int, VerdictBasis] = {}
+"""By the time of the step, Unix epoch in ns."""
 
 
 @dataclass(slots=True)
@@ -40,4 +41,4 @@ class LastObserved:
     """The last step, if an observer counted in it."""
 
     state: PooledState
-    evidence: VerdictEvidence
+    basis: VerdictBasis

@@ -1,0 +1,141 @@
+"""What the fusion rules share: their data types, and the divergence and correlation of posteriors. Pure.
+
+N observers, M movements. Arrays may have leading axes, written `...`: one scene per entry, each treated by itself.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from common.probability import SMALLEST, Floats
+
+PARTICIPATION_BITS = 0.05
+"""An observer participates fully from this divergence from the prior, below it in proportion."""
+SIMILARITY_SCALE = 0.05
+"""Log distance at which rho of two posteriors falls to 1/e."""
+UNCERTAIN_MASS = 0.03
+"""Two observers are certain if their mean posterior leaves less than this to all labels but one."""
+LOG_FLOOR = 0.01
+"""Share of the prior that is mixed into posteriors before their logs are compared, so that zeros stay finite."""
+LEAST_LOG_SIZE = 1e-9
+"""Nats; a posterior whose log ratios to the prior add up to less carries no information."""
+ENTROPY_FLOOR_BITS = 0.01
+"""A one-hot posterior has entropy 0 and would weigh infinitely; no observer counts as surer than this."""
+NATS_TO_BITS = 1.0 / math.log(2.0)
+
+
+@dataclass(slots=True)
+class ObserverTrust:
+    """How far a rule relies on N observers: trust (..., N), and symmetric correlations (..., N, N); all 0 to 1.
+
+    trust: the reliability learned from verdicts, times the steadiness relative to the steadiest observer.
+    """
+
+    trust: Floats
+    correlations: Floats
+    has_correlations: bool = True
+    """False: all are 0."""
+    has_trust: bool = True
+    """False: all is 1."""
+
+    @staticmethod
+    @cache
+    def unknown(size: int) -> "ObserverTrust":
+        """Full trust and no correlation, for `size` observers."""
+        return ObserverTrust(np.ones(size), np.zeros((size, size)), has_correlations=False, has_trust=False)
+
+    @staticmethod
+    def stack(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
+        """Several scenes with as many observers each, along a new first axis."""
+        trust, correlations = np.array([s.trust for s in scenes]), np.array([s.correlations for s in scenes])
+        return ObserverTrust(
+            trust, correlations, any(s.has_correlations for s in scenes), any(s.has_trust for s in scenes)
+        )
+
+    def subset(self, places: Sequence[int]) -> "ObserverTrust":
+        """The observers at these places, of one scene."""
+        return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])
+
+
+@dataclass(slots=True)
+class RuleResult:
+    """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none.
+
+    Nothing changes one; it is not frozen, because that takes four times as long to make, and each step makes some.
+    """
+
+    p: Floats
+    weights: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class PoolingWeights:
+    """How each observer counts, all (..., N).
+
+    exponents: w, of its likelihood ratio p~/prior; (..., H, N) in a rule that averages over H hypotheses, whose
+    probabilities are `hypotheses` (..., H). epsilon: share of the prior in p~ = (1 - epsilon) p + epsilon prior.
+    shares: its part in the result, summing to 1.
+    """
+
+    exponents: Floats
+    epsilon: Floats
+    shares: Floats
+    hypotheses: Floats | None = None
+
+
+def divergence_from_prior(p: Floats, ratio: Floats) -> Floats:
+    """(..., N, M) posteriors, their ratios to the prior -> (..., N) Kullback-Leibler divergence in bits, 0 or more."""
+    # As guarded_pool.py computes it, to the last bit: shares of almost nothing depend on it.
+    bits: Floats = np.maximum(p * np.log(ratio + SMALLEST) @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
+    return bits
+
+
+def shares_of(amounts: Floats) -> Floats:
+    """(..., N) amounts, at least 0 -> their shares of the sum along the last axis; equal shares of 0."""
+    total = sum_last(amounts)[..., None]
+    return np.where(total > 0, amounts / np.maximum(total, SMALLEST), 1.0 / amounts.shape[-1])
+
+
+def uncertainty(p: Floats) -> Floats:
+    """(..., N, M) posteriors -> (..., N, N), 0 to 1: 0 for two that are certain of the same label, 1 for others.
+
+    It multiplies `similarity`: to be certain of the same label shows no correlation.
+    """
+    top = np.maximum.reduce(p[..., :, None, :] + p[..., None, :, :], axis=-1)
+    result: Floats = np.minimum((1.0 - top / 2) / UNCERTAIN_MASS, 1.0)
+    return result
+
+
+def similarity(ratio: Floats) -> Floats:
+    """(..., N, M) ratios p/prior -> (..., N, N): 1 for equal posteriors, near 0 for independent ones; diagonal 0."""
+    result: Floats = np.exp(log_distance(ratio) / -SIMILARITY_SCALE) * off_diagonal(ratio.shape[-2])
+    return result
+
+
+def log_distance(ratio: Floats) -> Floats:
+    """(..., N, M) ratios p/prior -> (..., N, N) L1 distance of their logs, over the mean L1 size of both.
+
+    0 for equal posteriors, 1 for two that are both the prior.
+    """
+    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
+    sizes = sum_last(np.abs(logs))
+    mean_size = (sizes[..., :, None] + sizes[..., None, :]) / 2
+    difference = logs[..., :, None, :] - logs[..., None, :, :]
+    distance = sum_last(np.abs(difference, out=difference))
+    # Two observers at the prior are not correlated.
+    return np.where(mean_size > LEAST_LOG_SIZE, distance / np.maximum(mean_size, LEAST_LOG_SIZE), 1.0)
+
+
+@cache
+def off_diagonal(size: int) -> Floats:
+    """(N, N): 0 on the diagonal, 1 elsewhere."""
+    return 1.0 - np.eye(size)
+
+
+def sum_last(values: Floats) -> Floats:
+    """The sum along the last axis, in half the time of `sum`."""
+    total: Floats = np.add.reduce(values, axis=-1)
+    return total

@@ -1,0 +1,56 @@
+"""After a network partition: the movement of the service that stands down for the owner. Pure: time is passed in.
+
+The design: fusion.md, "Several services". During a partition two services publish, each to its own listeners. When they
+receive each other again:
+
+1. The service that stands down sends its last judgement again, every REPEAT_S, because the owner may not have received
+   it yet. The owner continues its decided movement, under its id, if it has decided none itself (FusionEngine.adopt).
+2. If the owner's judgements show another decided movement, or have not shown this one for ADOPTION_TIMEOUT_S, the
+   service that stood down publishes the end of its movement with `same_as`. So each id has an end, and a listener knows
+   which two ids are one movement.
+"""
+
+from common import SECOND_NS
+from common.messages import JudgementMessage, VerdictMessage
+
+ADOPTION_TIMEOUT_S = 0.5
+REPEAT_S = 0.15
+"""So that the owner receives a lost judgement several times before ADOPTION_TIMEOUT_S."""
+
+
+class UnreconciledMovement:
+    """The decided movement of a service that stood down at `since_ns`, until the owner continues it or it is ended."""
+
+    def __init__(self, verdict: VerdictMessage, since_ns: int) -> None:
+        self.verdict, self._since_ns, self._repeated_ns = verdict, since_ns, 0
+        self._owners_movement = ""
+        self.is_reconciled = False
+        """Whether the owner continues the movement, or its end is published."""
+
+    def record_message(self, message: JudgementMessage) -> None:
+        """Take a message of the owner."""
+        movement = message if isinstance(message, VerdictMessage) else message.movement
+        if movement is None:
+            return
+        if movement.id == self.verdict.id:
+            self.is_reconciled = True
+        elif movement.label is not None:
+            self._owners_movement = movement.id
+
+    def should_repeat(self, now_ns: int) -> bool:
+        """Whether the last judgement is to be sent again now; to be sent whenever this returns True."""
+        if self.is_reconciled or self._owners_movement or now_ns - self._repeated_ns < REPEAT_S * SECOND_NS:
+            return False
+        self._repeated_ns = now_ns
+        return True
+
+    def same_as(self, now_ns: int) -> str | None:
+        """The value of `same_as` with which to end the movement now; None: it is not to be ended now.
+
+        "" if the owner has decided no movement.
+        """
+        has_timed_out = now_ns - self._since_ns >= ADOPTION_TIMEOUT_S * SECOND_NS
+        if self.is_reconciled or not (self._owners_movement or has_timed_out):
+            return None
+        self.is_reconciled = True
+        return self._owners_movement
