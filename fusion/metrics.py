@@ -45,7 +45,9 @@ class FusionMetrics(Metrics):
         )
         self._undecided: dict[str, str] = {}
         self._revised = self.counter("verdicts_revised", "Decided labels that another label replaced.")
-        self._delay = self.histogram("verdict_delay_seconds", "From a movement's begin to its first word.", AGE_BUCKETS)
+        self._delay = self.histogram(
+            "verdict_delay_seconds", "From a movement's begin to its first decision.", AGE_BUCKETS
+        )
 
     def record(self, step: "ServerStep") -> None:
         """Count one step of the loop; each movement counts once, by its last word."""
@@ -122,7 +124,10 @@ class FusionMetrics(Metrics):
         )
         resting = [((name,), 1.0 if v.rest_reliability is None else v.rest_reliability) for name, v in votes]
         yield self.gauge(
-            "observer_rest_reliability_ratio", "How far its word on rest was trusted lately.", resting, "observer"
+            "observer_rest_reliability_ratio",
+            "How far its probability of rest was trusted lately.",
+            resting,
+            "observer",
         )
         skews = [((name,), vote.skew_s) for name, vote in votes]
         yield self.gauge("observer_clock_skew_seconds", "How far its clock is ahead of ours.", skews, "observer")

@@ -36,8 +36,8 @@ from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, freshness_after
-from fusion.engine.observer_state import NO_FACETS, ObserverState
 from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap, steady_enough
+from fusion.engine.roster_entry import NO_FACETS, RosterEntry
 
 POOLED_STATES = ("counted", "stale")
 """Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
@@ -96,7 +96,7 @@ class Roster:
         self._set_vocabulary(vocabulary)
         self._config = config
         self._drop_ns, self._fresh_s = config.drop_s * SECOND_NS, config.fresh_s
-        self._states = {observer: ObserverState() for observer in observers}
+        self._states = {observer: RosterEntry() for observer in observers}
         self._present: frozenset[str] = frozenset()
 
     @property
@@ -108,7 +108,7 @@ class Roster:
         """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
         self._set_vocabulary(vocabulary)
         for observer, state in self._states.items():
-            self._states[observer] = ObserverState(gone=state.gone, rejected=state.rejected)
+            self._states[observer] = RosterEntry(gone=state.gone, rejected=state.rejected)
 
     def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
         self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
@@ -169,7 +169,7 @@ class Roster:
                 steadiest = state.steadiness
         return steadiest or 1.0
 
-    def _rejection(self, state: ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
+    def _rejection(self, state: RosterEntry, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         """Why a message is not used (rules 1, 2, 6 and 8); None: it is."""
         if message.vocabulary.hash != self._digest:
             return "foreign_vocabulary"
@@ -199,7 +199,7 @@ class Roster:
         return None
 
     def _aged(
-        self, observer: str, state: ObserverState, now_ns: int, record: ObserverRecord, steadiest: float
+        self, observer: str, state: RosterEntry, now_ns: int, record: ObserverRecord, steadiest: float
     ) -> AgedPosterior:
         message = state.message
         if message is None:
@@ -245,7 +245,7 @@ class Roster:
             record.correlations, 0.0,
         )  # fmt: skip
 
-    def _unused_state(self, state: ObserverState, now_ns: int) -> VoteState:
+    def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:
         """The vote state of an observer that contributes the prior (rule 4)."""
         publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
         late = publishes and state.received_ns - state.captured_ns > self._drop_ns

@@ -17,7 +17,7 @@ NO_FACETS: Mapping[str, Floats] = {}
 
 
 @dataclass(slots=True)
-class ObserverState:
+class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
     p, rest, surprise, facets: as in AgedPosterior while fresh. steadiness: above 0 to 1; steady_enough: the share of
