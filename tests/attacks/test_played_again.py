@@ -85,7 +85,7 @@ def test_captured_posteriors_that_are_played_again_count_nothing(
 ):
     if not long_form:
         pytest.skip("the long form: make attacks")
-    replay = Replay(tmp_path_factory.mktemp("replay"))
+    replay = Replay(tmp_path_factory)
     with Fleet(replay, tmp_path, secured=mesh == "secured") as fleet:
         fleet.play()
         witness = fleet.witness()

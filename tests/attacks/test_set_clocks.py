@@ -31,7 +31,7 @@ def test_a_fusion_clock_that_is_set_loses_and_doubles_no_verdict(
 ):
     if not long_form:
         pytest.skip("the long form: make attacks")
-    replay = Replay(tmp_path_factory.mktemp("replay"))
+    replay = Replay(tmp_path_factory)
     with Stage(replay, tmp_path) as stage:
         stage.with_clock("fusion", 0.0, *accumulate(JUMPS_S))
         stage.play()

@@ -44,7 +44,7 @@ def test_after_a_split_there_is_one_leader_and_one_verdict_a_movement_for_every_
 ):
     if not long_form:
         pytest.skip("the long form: make attacks")
-    replay, port = Replay(tmp_path_factory.mktemp("replay")), free_port()
+    replay, port = Replay(tmp_path_factory), free_port()
     with (
         Stage(replay, tmp_path, fusions=SERVICES, extra="quorum = 1") as stage,
         SlowLine(stage.port, 0.0) as line,

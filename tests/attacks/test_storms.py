@@ -26,7 +26,7 @@ MESHES = os.environ.get("LABANMESH_STORM_MESHES", "plain").split(",")
 
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory):
-    return Replay(tmp_path_factory.mktemp("replay"))
+    return Replay(tmp_path_factory)
 
 
 def all_scenes_count(fleet):

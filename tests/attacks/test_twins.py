@@ -23,7 +23,7 @@ RUN_S = 2.0
 
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory):
-    return Replay(tmp_path_factory.mktemp("replay"))
+    return Replay(tmp_path_factory)
 
 
 def test_of_two_fusion_services_of_one_id_that_start_together_one_ends(request, tmp_path, long_form, history):

@@ -25,8 +25,8 @@ def long_form():
 
 @pytest.fixture(scope="session")
 def replay(tmp_path_factory):
-    """The performance and one model a view, made once a test process."""
-    return Replay(tmp_path_factory.mktemp("replay"))
+    """The performance and one model a view."""
+    return Replay(tmp_path_factory)
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from fault_processes import Process
+from once import made_once
 from processes import SOON_S, labanmesh
 
 from benchmarks.timing import free_port
@@ -48,15 +49,17 @@ class Movement:
 class Replay:
     """The performance on disk with one model a view, and what is done in it."""
 
-    def __init__(self, folder):
-        self.folder = folder
+    def __init__(self, tmp_path_factory):
+        self._recording = perform_continuously("1", MOVEMENTS, rest_s=REST_S)
+        self.folder = made_once(tmp_path_factory, "replay", self._fill)
+        self.length_ns = round(len(self._recording.positions) / self._recording.rate_hz * SECOND_NS)
+
+    def _fill(self, folder):
         learned = perform(("2", "3", "4"), MOVEMENTS, trials=2)
         for observer, view in VIEWS.items():
             model = learn_view(learned, parse_view(view), Vocabulary(MOVEMENTS), kind="phase")
             write_model(folder / f"{observer}.model", model)
-        self._recording = perform_continuously("1", MOVEMENTS, rest_s=REST_S)
         write_archive(folder / "seen.npz", MotionArchive(learned.body_parts, (self._recording,)))
-        self.length_ns = round(len(self._recording.positions) / self._recording.rate_hz * SECOND_NS)
 
     def performed(self, start_ns, from_ns, until_ns):
         """The movements that lie wholly between two times, when it was started at `start_ns` and loops."""

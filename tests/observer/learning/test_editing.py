@@ -1,6 +1,7 @@
 """A person's own movements: few recordings, cautious calibration; movements added and removed, others unchanged."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,9 +29,20 @@ def people():
     return perform(("1", "2", "3"), (*OLD, *NEW), trials=3, seed=1)
 
 
+@pytest.fixture(scope="module")
+def model_of(people):
+    """The model of a kind, learned once."""
+
+    @cache
+    def learned(kind):
+        return learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind)
+
+    return learned
+
+
 @pytest.fixture(scope="module", params=list(MODELS))
-def model(request, people):
-    return learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=request.param)
+def model(request, model_of):
+    return model_of(request.param)
 
 
 @pytest.fixture(scope="module")
@@ -91,9 +103,8 @@ def test_adding_and_removing_movements_restores_the_model(model, people):
 
 
 @pytest.mark.parametrize("kind", ["phase", "stacked"])
-def test_added_and_old_movements_are_recognised(people, kind):
-    model = learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind)
-    grown = add_movements(model, recordings_of(people, ("1", "2"), (NEW[0],)), DOOR).model
+def test_added_and_old_movements_are_recognised(model_of, people, kind):
+    grown = add_movements(model_of(kind), recordings_of(people, ("1", "2"), (NEW[0],)), DOOR).model
     shown = recordings_of(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
     assert [recognised(grown, r) for r in shown] == [r.label for r in shown]
     # One between two others taken out moves the last one down.
