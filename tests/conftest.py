@@ -51,3 +51,11 @@ def data() -> Path:
     if not place:
         pytest.skip("LABANMESH_DATA is not set: the recordings of real people are not here")
     return Path(place)
+
+
+@pytest.fixture(scope="session")
+def msr(data):
+    """The recordings of MSR Action3D, which take half a second to read. Tests leave them as they are."""
+    from observer.motion.importers import import_recordings
+
+    return import_recordings("msr-action3d", data / "msr_action3d").archive

@@ -1,6 +1,7 @@
 """Streams in which no movement happens, first words, results before calibration, and several processes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,17 +52,25 @@ def test_several_processes_give_the_same_result_as_one(archive):
     assert judge_observed(one, asked).as_json() == judge_observed(two, asked, jobs=2).as_json()
 
 
-def test_before_calibration_the_result_is_that_of_models_without_it(archive):
+ASKED = settings(leave_one_subject_out=False, train_subjects=("1", "2"))
+
+
+@pytest.fixture(scope="module")
+def observed(archive):
+    """What the observers output, also before calibration."""
+    return observe_folds(archive, ASKED, Extent(raw=True))
+
+
+def test_before_calibration_the_result_is_that_of_models_without_it(archive, observed):
     """Oracle: an evaluation of models that were not calibrated."""
-    asked = settings(leave_one_subject_out=False, train_subjects=("1", "2"))
-    raw = results_of(observe_folds(archive, asked, Extent(raw=True)), asked, raw=True)
-    plain = evaluate(archive, settings(leave_one_subject_out=False, train_subjects=("1", "2"), calibrated=False))
+    raw = results_of(observed, ASKED, raw=True)
+    plain = evaluate(archive, replace(ASKED, calibrated=False))
     for mine, theirs in zip(raw.trials, plain.trials, strict=True):
         assert mine.views == pytest.approx(theirs.views, abs=1e-9)
 
 
-def test_the_first_word_is_said_within_the_movement_and_counted(archive):
-    result = evaluate(archive, settings(leave_one_subject_out=False, train_subjects=("1", "2")))
+def test_the_first_word_is_said_within_the_movement_and_counted(observed):
+    result = results_of(observed, ASKED)
     figures = as_json(result)
     words = [r for r in result.trials if r.first_word]
     assert figures["first_word"]["coverage"] == len(words) / len(result.trials) > 0.5

@@ -9,7 +9,6 @@ from hypothesis.extra.numpy import arrays
 from observer.geometry.views import parse_view
 from observer.motion.archive import movements_in
 from observer.motion.archive_file import read_archive
-from observer.motion.importers import import_recordings
 from observer.motion.projected import view_tracks
 from observer.stillness import Stillness
 from observer.tracks import BODY_PARTS, Tracks
@@ -112,10 +111,9 @@ def test_stillness_is_the_formula(rate_hz, count):
 
 
 @pytest.fixture(scope="module")
-def people(data):
+def people(msr):
     """Stillness of training people of MSR Action3D in two views, and their tracks."""
-    archive = import_recordings("msr-action3d", data / "msr_action3d" / "MSRAction3DSkeletonReal3D").archive
-    chosen = [r for r in archive.recordings if r.subject in "13579"][::4]
+    chosen = [r for r in msr.recordings if r.subject in "13579"][::4]
     views = [parse_view("door"), parse_view("wheel")]
     tracks = [view_tracks(view, r, BODY_PARTS, BODY_PARTS) for view in views for r in chosen]
     return [np.array([t.centres for t in recording]) for recording in tracks]

@@ -18,7 +18,6 @@ from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.motion.archive import MotionArchive, Recording, streams_in
 from observer.motion.archive_file import read_archive, write_archive
-from observer.motion.importers import import_recordings
 from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
@@ -277,10 +276,9 @@ def test_a_recorded_person_with_noise_and_a_random_camera(data):
     assert any(line.startswith(f"{cameras[2].name}: rejected") for line in output)
 
 
-def test_a_model_learned_from_recorded_positions_is_as_good_as_from_the_originals(data):
-    whole = import_recordings("msr-action3d", data / "msr_action3d").archive
+def test_a_model_learned_from_recorded_positions_is_as_good_as_from_the_originals(msr):
     labels = ("high_arm_wave", "hand_clap", "forward_kick", "draw_circle")
-    few = [r for r in whole.recordings if r.label in labels and r.subject in "123678" and r.trial == "1"]
+    few = [r for r in msr.recordings if r.label in labels and r.subject in "123678" and r.trial == "1"]
     assert len(few) == 24
     rng = np.random.default_rng(1)
     matrices = [pinhole_matrix(math.radians(yaw), 0.1, 3.5, 700, (640, 360), (0, 0, 2.6)) for yaw in (-40, 0, 45)]

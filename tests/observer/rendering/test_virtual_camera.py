@@ -10,7 +10,6 @@ from observer_stage import rejected
 from observer.geometry.projection import project
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import Recording
-from observer.motion.importers import import_recordings
 from observer.motion.playback import RecordedMotion
 from observer.rendering.body import stature
 from observer.rendering.scenery import BACKGROUNDS, Scenery
@@ -18,11 +17,6 @@ from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
 from observer.tracks import BODY_PARTS
 
 UPRIGHT = np.array([[-0.35, 0.8, -0.05], [0.35, 0.8, -0.05], [0.0, 1.6, 0.0]], np.float32)
-
-
-@pytest.fixture(scope="module")
-def msr(data):
-    return import_recordings("msr-action3d", data / "msr_action3d").archive
 
 
 def recording(subject="1", frames=4, offset=(0.0, 0.0, 0.0)):

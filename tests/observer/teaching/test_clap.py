@@ -5,7 +5,6 @@ import pytest
 
 from common import SECOND_NS
 from observer.geometry.views import parse_view
-from observer.motion.importers.msr_action3d import import_folder
 from observer.motion.projected import view_tracks
 from observer.teaching.clap import ClapWatch
 from observer.tracks import BODY_PARTS, Tracks
@@ -20,13 +19,13 @@ def claps_in(centres, rate_hz=15.0, body_parts=BODY_PARTS):
     return watch.count
 
 
-def test_people_clap_once_and_seldom_when_they_do_something_else(data):
-    archive, view = import_folder(data / "msr_action3d").archive, parse_view("door")
-    claps = [each for each in archive.recordings if each.label == "hand_clap"]
-    others = [each for each in archive.recordings if each.label != "hand_clap"][::10]
+def test_people_clap_once_and_seldom_when_they_do_something_else(msr):
+    view = parse_view("door")
+    claps = [each for each in msr.recordings if each.label == "hand_clap"]
+    others = [each for each in msr.recordings if each.label != "hand_clap"][::10]
 
     def counts(recordings):
-        tracks = [view_tracks(view, each, archive.body_parts, BODY_PARTS) for each in recordings]
+        tracks = [view_tracks(view, each, msr.body_parts, BODY_PARTS) for each in recordings]
         return [claps_in([each.centres for each in one]) for one in tracks]
 
     assert sum(count > 0 for count in counts(claps)) >= 0.85 * len(claps)
