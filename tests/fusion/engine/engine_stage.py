@@ -1,10 +1,13 @@
 """What tests of the engine share: messages, aged posteriors, and an engine with scripted observers."""
 
 import numpy as np
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VocabularyReference
+from common.probability import normalise
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
 from fusion.engine.roster import AgedPosterior
@@ -81,3 +84,9 @@ class EngineDriver:
         output = self.engine.step(self.now_ns)
         self.verdicts += output.verdicts
         return output.judgement
+
+
+def posteriors(observers, least=0.0):
+    """Any posteriors (observers, M) of two to five movements; least: the smallest mass before they are normalised."""
+    masses = st.integers(2, 5).flatmap(lambda m: arrays(np.float64, (observers, m), elements=st.floats(least, 1)))
+    return masses.map(lambda a: normalise(a + (a.sum(1, keepdims=True) == 0)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from engine_stage import posteriors
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -37,11 +38,6 @@ def weighed(p, trust=None):
 def product(p):
     """Bayes' product of the posteriors with eps, without any guard."""
     return RULES["product"].pool((1 - EPSILON) * np.asarray(p) + EPSILON / np.shape(p)[1], uniform(np.shape(p)[1])).p
-
-
-def posteriors(observers, least=0.0):
-    masses = st.integers(2, 5).flatmap(lambda m: arrays(np.float64, (observers, m), elements=st.floats(least, 1)))
-    return masses.map(lambda a: normalise(a + (a.sum(1, keepdims=True) == 0)))
 
 
 def oracle(p, prior, trust, rho):
@@ -187,21 +183,6 @@ def test_a_pair_that_sees_the_same_does_not_outvote_one_that_sees_more():
     assert pool([pair, pair, other]).argmax() == 1
 
 
-def test_observers_that_were_learned_to_be_correlated_share_one_weight():
-    p = np.array([[0.8, 0.1, 0.05, 0.05], [0.6, 0.25, 0.1, 0.05], [0.5, 0.1, 0.3, 0.1]])
-    correlations = np.zeros((3, 3))
-    correlations[0, 1] = correlations[1, 0] = 1.0
-    known = weighed(p, ObserverTrust(np.ones(3), correlations))
-    assert known.exponents[0, :2].sum() < 0.8 * weighed(p).exponents[0, :2].sum()
-    assert known.shares[:2].sum() < weighed(p).shares[:2].sum()
-
-
-def test_less_trust_is_a_smaller_share():
-    p = np.array([[0.1, 0.8, 0.1], [0.6, 0.2, 0.2], [0.3, 0.4, 0.3]])
-    shares = [weighed(p, ObserverTrust(np.array([t, 1.0, 1.0]), np.zeros((3, 3)))).shares[0] for t in (1.0, 0.5, 0.1)]
-    assert shares[0] > shares[1] > shares[2] > 0
-
-
 @given(posteriors(2, 0.02), st.integers(0, 4), st.floats(1.1, 5))
 def test_one_observer_is_monotone_and_two_nearly(p, label, factor):
     """Raising a posterior in a label, the other labels in proportion, raises it in the result, or hardly lowers it."""
@@ -243,13 +224,6 @@ def test_many_scenes_are_pooled_to_the_same_bits_as_each_alone(observers):
     alone = [RULE.pool_movements(scene, prior, trust) for scene in p]
     assert np.array_equal(many.p, [scene.p for scene in alone])
     assert np.array_equal(many.weights, [scene.weights for scene in alone])
-
-
-@given(posteriors(4), st.lists(st.floats(0.1, 1), min_size=4, max_size=4), st.floats(0, 1))
-def test_with_any_trust_all_is_in_range(p, trust, rho):
-    result = weighed(p, ObserverTrust(np.array(trust), np.full((4, 4), rho) * (1 - np.eye(4))))
-    assert np.isfinite(result.exponents).all() and result.shares.sum() == pytest.approx(1)
-    assert (result.exponents >= 0).all() and (result.exponents <= 1).all()
 
 
 def test_a_hundred_observers_give_a_finite_result():

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from engine_stage import posteriors
 from hypothesis import given
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
 from fusion.engine.robust_inverse_entropy import CAP, ROBUSTNESS, robust_weights
@@ -22,11 +22,6 @@ def pool(p, prior=None):
 def weighed(p, trust=None):
     p = np.asarray(p, dtype=float)
     return robust_weights(p, uniform(p.shape[1]), trust or ObserverTrust.unknown(len(p)))
-
-
-def posteriors(observers, least=0.0):
-    masses = st.integers(2, 5).flatmap(lambda m: arrays(np.float64, (observers, m), elements=st.floats(least, 1)))
-    return masses.map(lambda a: normalise(a + (a.sum(1, keepdims=True) == 0)))
 
 
 HONEST = np.array([[0.7, 0.1, 0.1, 0.1], [0.6, 0.2, 0.05, 0.15], [0.55, 0.1, 0.2, 0.15]])
@@ -126,15 +121,6 @@ def test_identical_observers_share_one_weight():
     assert two[0] + two[1] < 1.35 * one[0]
 
 
-def test_observers_that_were_learned_to_be_correlated_share_one_weight():
-    p = np.array([[0.8, 0.1, 0.05, 0.05], [0.6, 0.25, 0.1, 0.05], [0.5, 0.1, 0.3, 0.1]])
-    correlations = np.zeros((3, 3))
-    correlations[0, 1] = correlations[1, 0] = 1.0
-    known = weighed(p, ObserverTrust(np.ones(3), correlations))
-    assert known.exponents[:2].sum() < 0.8 * weighed(p).exponents[:2].sum()
-    assert known.shares[:2].sum() < weighed(p).shares[:2].sum()
-
-
 def test_one_that_contradicts_three_counts_less():
     wrong = np.array([0.01, 0.01, 0.97, 0.01])
     assert pool(np.vstack([HONEST, wrong])).argmax() == 0
@@ -149,12 +135,6 @@ def test_one_that_is_much_surer_than_all_others_does_not_count_more_for_it():
     assert weighed([[0.9, 0.05, 0.05], [0.5, 0.3, 0.2]]).shares[0] > 0.6  # the surer of two does
 
 
-def test_less_trust_is_a_smaller_share():
-    p = np.array([[0.1, 0.8, 0.1], [0.6, 0.2, 0.2], [0.3, 0.4, 0.3]])
-    shares = [weighed(p, ObserverTrust(np.array([t, 1.0, 1.0]), np.zeros((3, 3)))).shares[0] for t in (1.0, 0.5, 0.1)]
-    assert shares[0] > shares[1] > shares[2] > 0
-
-
 @given(posteriors(4))
 def test_no_single_observer_moves_the_log_odds_beyond_the_bound(p):
     m, result = p.shape[1], weighed(p)
@@ -164,10 +144,3 @@ def test_no_single_observer_moves_the_log_odds_beyond_the_bound(p):
     bound = CAP * np.log((1 - eps + eps / m) / (eps / m))
     assert np.ptp(result.exponents[:, None] * evidence, axis=1).max() <= bound + 1e-9
     assert (result.exponents <= CAP + 1e-9).all() and (result.exponents >= 0).all()
-
-
-@given(posteriors(4), st.lists(st.floats(0.1, 1), min_size=4, max_size=4), st.floats(0, 1))
-def test_with_any_trust_all_is_in_range(p, trust, rho):
-    result = weighed(p, ObserverTrust(np.array(trust), np.full((4, 4), rho) * (1 - np.eye(4))))
-    assert np.isfinite(result.exponents).all() and result.shares.sum() == pytest.approx(1)
-    assert ((result.epsilon > 0) & (result.epsilon < 1)).all()
