@@ -44,7 +44,8 @@ SKEW_S = 0.5
 """A clock that is off by more than this is reported; fusion corrects the ages of posteriors for it."""
 STRANGERS = 6
 """So many strangers are named in one line."""
-REVOKE = "labanmesh secure revoke"
+REVOKE = "; or it lies: labanmesh secure revoke"
+"""Where there are certificates."""
 SYNCHRONISE = "timedatectl set-ntp true, or chrony"
 
 
@@ -222,7 +223,7 @@ def _observers(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding
             if process.turns > 1:
                 to_do = "stop one of them, or give it an id of its own in the scene file"
                 yield error(GROUP, f"two processes publish as {name}", to_do)
-            yield from _statistics(name, process, traffic)
+            yield from _statistics(name, process, traffic, secured=bool(scene.mesh.credentials))
     yield from _missing(expected, [name for name in scene.roster if name not in present])
     yield from _strangers(expected, sorted(present - set(scene.roster)))
 
@@ -245,8 +246,9 @@ def _vocabulary(name: str, process: ProcessTraffic, digest: str) -> Iterator[Fin
         yield error(GROUP, what, "learn its model again from the movements of the others: labanmesh learn")
 
 
-def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic) -> Iterator[Finding]:
+def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic, *, secured: bool) -> Iterator[Finding]:
     """The fusion service's statistics of an observer: its clock, and rejected messages."""
+    revoke = REVOKE if secured else ""
     for fusion in traffic.fusions.values():
         statistics = (fusion.status.observers or {}).get(name) if fusion.status and fusion.judgements else None
         if statistics is None:
@@ -256,12 +258,12 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic) -> Ite
             yield warning(GROUP, what, f"synchronise it (NTP): {SYNCHRONISE}, on its machine")
         if name in fusion.contradicted:
             what = f"{name}: the others contradict it in most verdicts, so it is hardly relied on"
-            to_do = f"labanmesh look shows what it sees; else its model or its place is wrong, or it lies: {REVOKE}"
+            to_do = f"labanmesh look shows what it sees; else its model or its place is wrong{revoke}"
             yield warning(GROUP, what, to_do)
         if name in fusion.about_rest:
             trusted = f"{fusion.about_rest[name]:.0%} trusted"
             what = f"{name}: its rest contradicts the others ({trusted}), so it does not decide when a movement ends"
-            to_do = f"labanmesh look shows what it sees: its picture may stand still or tremble; or it lies: {REVOKE}"
+            to_do = f"labanmesh look shows what it sees: its picture may stand still or tremble{revoke}"
             yield warning(GROUP, what, to_do)
         known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
         if statistics.rejected.get("same_id") and process.turns <= 1:
