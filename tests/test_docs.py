@@ -163,7 +163,7 @@ def command_lines(page):
     """Words of the commands in shell blocks, and in text blocks after a prompt, without comments and variables."""
     prompts = [line[2:] for text in blocks(page, "text") for line in text.splitlines() if line.startswith("$ ")]
     for line in chain(prompts, *(text.replace("\\\n", " ").splitlines() for text in blocks(page, "sh"))):
-        words = [w for w in shlex.split(line, comments=True) if not re.match(r"[A-Z_]+=", w)]
+        words = [w for w in shlex.split(line, comments=True) if not re.match(r"[A-Z_0-9]+=", w)]
         if words:
             yield words
 
