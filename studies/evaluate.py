@@ -108,18 +108,18 @@ def require_fits(settings: EvaluationSettings) -> None:
 def results_of(folds: Sequence[ObservedFold], settings: EvaluationSettings, raw: bool = False) -> EvaluationResult:
     """The result of what was observed; raw: of the posteriors before calibration, if they were observed."""
     results = [
-        _joined(trial, [one.trials[n] for one in fold.courses], settings, raw)
+        _joined(trial, [courses.trials[n] for courses in fold.courses], settings, raw)
         for fold in folds
         for n, trial in enumerate(fold.trials)
     ]
-    courses = [one for fold in folds for one in fold.courses]
-    frames, seconds = sum(one.frames for one in courses), sum(one.judge_seconds for one in courses)
+    courses = [fold_courses for fold in folds for fold_courses in fold.courses]
+    frames, seconds = sum(c.frames for c in courses), sum(c.judge_seconds for c in courses)
     return EvaluationResult(
         settings,
         Vocabulary(settings.labels),
         fuse_again(results, settings),
         sum(fold.n_train for fold in folds),
-        sum(one.train_seconds for one in courses),
+        sum(c.train_seconds for c in courses),
         seconds / max(frames, 1),
     )
 

@@ -76,13 +76,13 @@ def read_archives(
     others = {path: read_archive(path) for path in dict.fromkeys((*learned_too.paths, *other_motion))}
     if placement is not None:
         _require_rooms(chosen, sensors)
-        own = tuple(placed(one, placement) for one in own)
-        others = {path: placed(one, placement) for path, one in others.items()}
+        own = tuple(placed(archive_of_view, placement) for archive_of_view in own)
+        others = {path: placed(other, placement) for path, other in others.items()}
     parts = body_parts
     if others and not parts:
         parts = tuple(p for p in own[0].body_parts if all(p in other.body_parts for other in others.values()))
     if others:
-        own = tuple(with_parts(one, parts) for one in own)
+        own = tuple(with_parts(archive_of_view, parts) for archive_of_view in own)
     whole = performances(own) if sensors else own[0]
     if others and len(own) > 1 and own[0].camera is not None:
         raise BadInput(
@@ -95,8 +95,8 @@ def read_archives(
     if learned:
         rate_hz = common_rate(whole)
         background = gather_background(list(learned.values()), (), whole.body_parts, rate_hz)
-    motion = [one for path in other_motion for one in _unseen(path, others[path], learned.get(path), whole)]
-    return EvaluatedArchives(whole, chosen, own if sensors else (), parts, background, tuple(motion))
+    streams = [s for path in other_motion for s in _unseen(path, others[path], learned.get(path), whole)]
+    return EvaluatedArchives(whole, chosen, own if sensors else (), parts, background, tuple(streams))
 
 
 def _require_rooms(views: Sequence[View], sensors: Sequence[str]) -> None:
@@ -118,21 +118,21 @@ def _evaluated(
         return read_sensors(sensors, read_archive)
     if archive is None:
         raise BadInput("ARCHIVE: which one? name a motion archive (.npz), or sensors with --sensor NAME=FILE.npz")
-    one = read_archive(archive)
-    if not (views or one.camera):
+    motion = read_archive(archive)
+    if not (views or motion.camera):
         raise BadInput("--views: which ones? for example --views door,wheel")
-    return tuple(view_of(one, view) for view in (split_views(views) if views else ("",))), (one,)
+    return tuple(view_of(motion, view) for view in (split_views(views) if views else ("",))), (motion,)
 
 
 def _unseen(path: Path, archive: MotionArchive, learned: MotionArchive | None, whole: MotionArchive) -> list[Recording]:
     """The streams of people whom no model has learned from, with the parts and the rate of `whole`."""
     known = {r.subject for r in learned.recordings} if learned else set()
-    left = tuple(r for r in archive.recordings if r.subject not in known)
-    if not left:
+    unseen = tuple(r for r in archive.recordings if r.subject not in known)
+    if not unseen:
         raise BadInput(
             f"--other-motion {path}: all its people are learned from; name some of them in --background-subjects"
         )
-    chosen, rate_hz = with_parts(replace(archive, recordings=left), whole.body_parts), common_rate(whole)
+    chosen, rate_hz = with_parts(replace(archive, recordings=unseen), whole.body_parts), common_rate(whole)
     shown = [label for label in labels_of(chosen) if label in labels_of(whole)]
     if shown:
         raise BadInput(f"--other-motion {path}: {shown[0]!r} is a movement of the archive; give streams without it")

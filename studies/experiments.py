@@ -161,11 +161,11 @@ def as_text(results: Mapping[str, Sequence[ExperimentResult]]) -> str:
     """The confusion tables beside the paper's, the resolved pairs, and all rates in one table."""
     parts = []
     for name, three in results.items():
-        for one in three:
-            ours = confusion_table(np.array(one.figures["confusion"]), one.figures["labels"], f"{name}: ours")
-            printed = one.experiment.table
+        for result in three:
+            ours = confusion_table(np.array(result.figures["confusion"]), result.figures["labels"], f"{name}: ours")
+            printed = result.experiment.table
             theirs = confusion_table(printed.confusion, MOVEMENTS, f"the paper's {printed.title}")
-            parts.append(f"experiment {one.experiment.title}\n\n{beside(ours, theirs)}")
+            parts.append(f"experiment {result.experiment.title}\n\n{beside(ours, theirs)}")
         parts.append(f"{name}, {resolved_pairs(three[-1].figures)}")
     return "\n\n".join([*parts, _rates(results)])
 

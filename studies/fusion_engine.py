@@ -31,7 +31,10 @@ def step(engine: FusionEngine, messages: Mapping[str, PosteriorMessage], now_ns:
 def first_word(
     engine: FusionEngine, cases: Sequence[PoolingCase], pooled: Sequence[PooledPosterior], rate_hz: float
 ) -> tuple[int, str] | None:
-    """The frame and the label of the first verdict that names a movement, on one case per frame; None without one."""
+    """The frame and the label of the first verdict that names a movement; None without one.
+
+    cases, pooled: one for each frame. rate_hz: frames a second.
+    """
     for n, (case, posterior) in enumerate(zip(cases, pooled, strict=True)):
         at_ns = SECOND_NS + round(n * SECOND_NS / rate_hz)
         for verdict in engine.output_for(case.posteriors, at_ns, posterior).verdicts:

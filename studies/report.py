@@ -251,7 +251,7 @@ def _timeline(stream: JudgedStream) -> Any:  # noqa: ANN401 - matplotlib may be 
     by_last = [replace(verdict, label=verdict.last) for verdict in stream.verdicts]
     hits = zip(stream.verdicts, spans_hit(stream.verdicts, recording), spans_hit(by_last, recording), strict=True)
     verdicts = [
-        drawing.SpokenVerdict(
+        drawing.VerdictBar(
             v.label,
             v.at_s,
             v.last,

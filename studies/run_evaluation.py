@@ -12,13 +12,14 @@ from common.progress import ProgressBar
 from observer.motion.archive import MotionArchive, select
 from observer.rendering.scenery import Scenery
 from studies.evaluate import EvaluationResult, EvaluationSettings, require_fits, results_of
+from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels
 from studies.learning_curve import as_table, learning_curve
 from studies.observing import Extent, observe_folds
+from studies.over_mesh import fused_over_mesh
 from studies.report import as_json, draw_learning_curve, draw_streams, make_folder, write_report, write_text
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamResult
 from studies.stream import judge_observed
-from studies.through import RATE_HZ, Filming, evaluate_pixels, fused_over_mesh
 
 
 @dataclass(frozen=True, slots=True)

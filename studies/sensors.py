@@ -99,7 +99,7 @@ def same_trials(archive: MotionArchive, trials: Sequence[EvaluationTrial]) -> li
 def same_streams(archive: MotionArchive, recordings: Sequence[Recording]) -> list[Recording]:
     """What a sensor recorded, stretched to the length of each recording; nothing is seen where it has no recording."""
     own = same_performances(archive, recordings)
-    return [_stretched(one, to) for one, to in zip(own, recordings, strict=True)]
+    return [_stretched(recording, to) for recording, to in zip(own, recordings, strict=True)]
 
 
 def _stretched(recording: Recording | None, to: Recording) -> Recording:

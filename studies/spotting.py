@@ -170,8 +170,8 @@ def by_person(streams: Sequence[JudgedStream]) -> dict[str, list[JudgedStream]]:
 def total_score(scores: Iterable[StreamScores]) -> StreamScores:
     """The sum of all scores."""
     total = StreamScores()
-    for one in scores:
-        total = total.plus(one)
+    for score in scores:
+        total = total.plus(score)
     return total
 
 

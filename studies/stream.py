@@ -49,13 +49,12 @@ def judge_observed(
     configs = [config, *(config.model_copy(update={"threshold": t}) for t in THRESHOLDS if settings.unlearned)]
     parts = [(stream, courses) for fold in folds for stream, courses in _courses_of(fold)]
     judge = partial(_judged, vocabulary=Vocabulary(settings.labels), configs=configs)
-    what = "judging streams"
-    results = run_parts(judge, parts, jobs, lambda done, total: progress(what, done, total))
+    results = run_parts(judge, parts, jobs, lambda done, total: progress("judging streams", done, total))
     other = [n >= len(fold.streams) - fold.other_motion for fold in folds for n in range(len(fold.streams))]
     chosen = [result for result, is_other in zip(results, other, strict=True) if not is_other]
     by_threshold = {
-        one.threshold: total_score(StreamScores.of(result[n], settings.labels) for result in chosen)
-        for n, one in enumerate(configs[1:], 1)
+        config.threshold: total_score(StreamScores.of(result[n], settings.labels) for result in chosen)
+        for n, config in enumerate(configs[1:], 1)
     }
     others = tuple(result[0] for result, is_other in zip(results, other, strict=True) if is_other)
     return StreamResult(settings.labels, tuple(result[0] for result in chosen), others, by_threshold)
@@ -63,7 +62,7 @@ def judge_observed(
 
 def _courses_of(fold: ObservedFold) -> Iterator[tuple[Recording, list[OutputCourse]]]:
     for n, stream in enumerate(fold.streams):
-        yield stream, [one.streams[n] for one in fold.courses]
+        yield stream, [courses.streams[n] for courses in fold.courses]
 
 
 def _judged(

@@ -18,8 +18,8 @@ from observer.model.base import MovementModel, Onset
 from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler
 from observer.runtime.service import FUSION_STEPS
 from observer.tracks import Floats, Frame, Tracks
+from studies.from_pixels import RecordedTracks
 from studies.fusion_engine import FusionEngine
-from studies.through import RecordedTracks
 
 OBSERVER = "camera"
 BEGIN_NS = 1_700_000_000 * SECOND_NS

@@ -104,7 +104,7 @@ def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFa
     reports, trouble = _preflight(path, observers)
     certain = here is not None or scene.mesh.mode != "router"
     settings = settings_in_force(scene, table, os.environ)
-    places = {name: scene.place(kept) for name in observers if (kept := scene.observer(name).clips.folder)}
+    places = {name: scene.place(folder) for name in observers if (folder := scene.observer(name).clips.folder)}
     clips = {name: FolderFacts(place, _may_write(place)) for name, place in places.items()}
     taught = {} if scene.vocabulary else {name: _taught_folder(scene, name) for name in observers}
     return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, clips, taught)
@@ -211,8 +211,8 @@ def _shared(facts: SceneFacts) -> Iterator[Finding]:
             yield ok(GROUP, f"{what} (picture_hz = 0 ends it)")
         if folder is not None:
             clips = section.clips
-            kept = f"for {clips.keep_days:g} days, at most {clips.keep_mb:g} MB"
-            yield ok(GROUP, f"{observer}: clips are on: a film of each verdict in {folder.path}, {kept}")
+            limits = f"for {clips.keep_days:g} days, at most {clips.keep_mb:g} MB"
+            yield ok(GROUP, f"{observer}: clips are on: a film of each verdict in {folder.path}, {limits}")
         if folder is not None and not folder.writable:
             what = f"{observer}: this user cannot write to {folder.path}, so no clips are kept"
             yield warning(GROUP, what, "choose another clips.folder, or make the observer's user its owner")

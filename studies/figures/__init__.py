@@ -8,12 +8,12 @@ from studies.figures.accuracy import (
     reliability_figure,
 )
 from studies.figures.over_time import LabelledInterval, belief_figure, verdict_timeline_figure
-from studies.figures.streams import SpokenVerdict, StreamTimeline, stream_timeline_figure
+from studies.figures.streams import StreamTimeline, VerdictBar, stream_timeline_figure
 
 __all__ = [
     "LabelledInterval",
-    "SpokenVerdict",
     "StreamTimeline",
+    "VerdictBar",
     "belief_figure",
     "confusion_figure",
     "earliness_figure",

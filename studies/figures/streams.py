@@ -19,7 +19,7 @@ HEIGHT = 0.8
 
 
 @dataclass(frozen=True, slots=True)
-class SpokenVerdict:
+class VerdictBar:
     """A verdict in seconds: its first word when it was decided, its last word from the movement's begin to its end."""
 
     first: str
@@ -38,7 +38,7 @@ class StreamTimeline:
     name: str
     length_s: float
     truth: Sequence[LabelledInterval]
-    verdicts: Sequence[SpokenVerdict]
+    verdicts: Sequence[VerdictBar]
 
 
 def stream_timeline_figure(streams: Sequence[StreamTimeline], title: str, path: Path) -> Path:

@@ -56,7 +56,7 @@ IMPURE = {
         "fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker fusion.server "
         "fusion.standby fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.watch "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "observer.foreign.sources studies.replay.playback studies.through"
+        "observer.foreign.sources studies.replay.playback studies.over_mesh"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "

@@ -14,7 +14,7 @@ from observer.learning.learn import learn_view
 from observer.motion.archive import MotionArchive, labels_of
 from observer.runtime.pipeline import Observer, Resampler
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, Tracks
-from studies.through import RecordedTracks
+from studies.from_pixels import RecordedTracks
 
 pytest.importorskip("mediapipe")
 pytestmark = pytest.mark.slow

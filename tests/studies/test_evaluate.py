@@ -12,12 +12,12 @@ from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
+from studies.over_mesh import fused_over_mesh
 from studies.performer import perform, perform_continuously
 from studies.report import as_json, write_report
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamVerdict, score
 from studies.stream import judge_streams
-from studies.through import fused_over_mesh
 
 LABELS = ("ok", "shake", "lunging")
 DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))

@@ -12,8 +12,8 @@ from common.probability import entropy_bits, normalise
 from studies.experiments import MOVEMENTS, TABLE_III
 from studies.figures import (
     LabelledInterval,
-    SpokenVerdict,
     StreamTimeline,
+    VerdictBar,
     belief_figure,
     confusion_figure,
     earliness_figure,
@@ -34,8 +34,8 @@ EARLY = {"door": [0.3, 0.5, 0.6], "fused": [0.3, 0.7, 0.6]}
 TRUTH = [LabelledInterval(0.1, 0.5, "ok")]
 VERDICTS = [LabelledInterval(0.2, 0.5, "shake"), LabelledInterval(0.7, 0.9, "abstain")]
 SPOKEN = [
-    SpokenVerdict("shake", 0.3, "ok", 0.2, 0.6, False, True),
-    SpokenVerdict("abstain", 31.0, "abstain", 29.0, 33.0, False, False),
+    VerdictBar("shake", 0.3, "ok", 0.2, 0.6, False, True),
+    VerdictBar("abstain", 31.0, "abstain", 29.0, 33.0, False, False),
 ]
 ONE_FRAME = {"cam1": BELIEFS["cam1"][:1]}
 

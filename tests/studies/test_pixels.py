@@ -8,8 +8,8 @@ from observer.motion.archive import resample
 from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
 from studies.evaluate import EvaluationSettings, evaluate
+from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels, track_pictures
 from studies.performer import PEOPLE, perform
-from studies.through import RATE_HZ, Filming, evaluate_pixels, track_pictures
 from studies.trials import EvaluationTrial
 
 pytestmark = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")

@@ -8,8 +8,8 @@ from observer.motion.archive import labels_of
 from observer.motion.importers.msr_action3d import LABELS
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
+from studies.over_mesh import fused_over_mesh
 from studies.report import as_json
-from studies.through import fused_over_mesh
 from studies.trials import SUBSETS
 
 ODD, EVEN = ("1", "3", "5", "7", "9"), ("2", "4", "6", "8", "10")
