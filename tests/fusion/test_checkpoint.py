@@ -40,6 +40,14 @@ def verdict_of(checkpoint, label):
     return VerdictMessage.model_validate(fields)
 
 
+def test_a_verdict_is_unfinished_while_its_own_movement_goes_on(checkpoint):
+    verdict = verdict_of(checkpoint, "bow")
+    going_on = moved(checkpoint, 1, verdict=verdict)
+    assert going_on.unfinished == verdict and checkpoint.model_copy(update={"verdict": verdict}).unfinished is None
+    for changed in ({"id": "dojo-8"}, {"ended_ns": 9}):
+        assert moved(checkpoint, 1, verdict=verdict.model_copy(update=changed)).unfinished is None
+
+
 @pytest.fixture
 def path(tmp_path, checkpoint):
     CheckpointFile(tmp_path / "m.json").write(checkpoint)

@@ -1,6 +1,6 @@
 """What is read of a flood, and how rejected messages are counted and logged."""
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common import MINUTE_NS
@@ -9,6 +9,7 @@ from fusion.ingest import FLOOD, NEWEST, RejectionLog, newest
 
 
 @given(st.lists(st.sampled_from("abcde"), max_size=300))
+@example(list("abc" * FLOOD))
 def test_of_a_flood_the_newest_of_each_key_are_read_in_order(keys):
     arrivals = [Arrival(key, b"", n) for n, key in enumerate(keys)]
     read = newest(arrivals)

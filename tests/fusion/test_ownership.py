@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.ownership import Ownership, Role, rendezvous_rank
+from fusion.ownership import EPOCHS_AHEAD, Ownership, Role, rendezvous_rank
 
 TAKEOVER_S = 0.5
 STEP_S = 0.1
@@ -101,7 +101,9 @@ def test_a_second_silent_service_delays_the_third_by_takeover_s():
     room = Room(NAMED, NAMED)
     room.step(10)
     room.frozen |= {"a", "b"}
-    room.step(13)
+    room.step(8)
+    assert room.owners[-1] == [], "b has the first turn"
+    room.step(5)
     assert room.owner == "c"
 
 
@@ -160,6 +162,35 @@ def test_only_a_living_service_of_higher_rank_is_given_a_scene():
     named = Room(NAMED, NAMED)
     named.step(10)
     assert not named.services["a"].hand_over_to("b", named.now_s)
+
+
+def test_a_named_service_listens_before_it_publishes_though_it_knows_of_no_other():
+    first = Ownership("a", "dojo", ("a", "b"), TAKEOVER_S)
+    assert [first.update(n * STEP_S) for n in range(6)] == [Role.STANDBY] * 5 + [Role.OWNER]
+
+
+def test_a_named_owner_hands_over_to_nobody_and_a_forged_epoch_is_no_owners():
+    owner = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
+    for n in range(20):
+        owner.update(n * STEP_S)
+    owner.set_alive({"a", "b"}, 2.0)
+    assert owner.role is Role.OWNER and not owner.hand_over_to("a", 2.0)
+    assert not owner.record_message("a", 2 * EPOCHS_AHEAD, 2.0) and owner.epoch == 1
+    assert owner.record_message("a", 2, 2.0) and owner.role is Role.STANDBY
+
+
+def test_of_shared_services_the_third_is_idle_and_one_that_was_silent_counts_again():
+    names = rendezvous_rank("dojo", "xyz")
+    room = Room(names)
+    room.step(20)
+    assert [room.services[name].role for name in names] == [Role.OWNER, Role.STANDBY, Role.IDLE]
+    for lost in (room.frozen, room.dead):
+        lost.add(names[0])
+        room.step(15)
+        assert room.owner == names[1]
+        lost.clear()
+        room.step(20)
+        assert [room.services[name].role for name in names] == [Role.OWNER, Role.STANDBY, Role.IDLE]
 
 
 def test_a_service_that_lost_its_connection_does_not_take_over(standby):

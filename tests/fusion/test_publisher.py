@@ -8,7 +8,7 @@ from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 from common.keys import SceneKeys
 from common.messages import VerdictMessage
 from common.wire import decode
-from fusion.publisher import JudgementBatch, VerdictPublisher
+from fusion.publisher import VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +49,20 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
     file = SimpleNamespace(is_due=lambda judgement: True, write=lambda checkpoint: events.append("file"))
     VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement)
     assert events == order
+
+
+def test_late_joiners_receive_the_last_verdicts_of_the_owner_alone(played):
+    (scene, judgement), queries = played, {}
+    publisher = SimpleNamespace(put=lambda _: None, has_subscriber=False)
+    session = SimpleNamespace(publisher=lambda key: publisher, answer=queries.__setitem__)
+    keys = SceneKeys("dojo")
+    owner = VerdictPublisher(session, keys, scene.engine, None)
+    for _ in range(VERDICTS_LIMIT):
+        owner.publish(scene.verdicts[:2], judgement)
+    assert queries[keys.verdict]() is None and queries[keys.judgement]() is None
+    owner.answers = True
+    assert len(queries[keys.verdict]()) == VERDICTS_LIMIT
+    assert decode(VerdictMessage, queries[keys.verdict]()[-1]).stage == "ended"
 
 
 def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played):

@@ -48,6 +48,14 @@ def test_the_movement_ends_unless_the_owner_goes_on_with_it(messages, early, lat
     assert movement.is_reconciled and movement.same_as(AT_NS + 2 * SECOND_NS) is None
 
 
+def test_the_last_judgement_is_sent_again_at_intervals_until_the_owner_has_decided():
+    movement = UnreconciledMovement(Verdict, AT_NS)
+    at = [AT_NS + round(seconds * SECOND_NS) for seconds in (0.0, 0.1, 0.15, 0.2, 0.3)]
+    assert [movement.should_repeat(now_ns) for now_ns in at] == [True, False, True, False, True]
+    movement.record_message(judged("dojo-2", "bow"))
+    assert not movement.should_repeat(AT_NS + SECOND_NS)
+
+
 @given(st.lists(st.booleans(), max_size=40))
 def test_verdicts_wait_until_others_have_found_the_router_too(connected):
     reachable, down_s = Reachability(), float("-inf")

@@ -2,7 +2,15 @@
 
 import pytest
 
-from fusion.same_id_detection import LAPSE_S, YOUNG_S, SameIdDetector, Stance
+from fusion.same_id_detection import (
+    ANSWERS,
+    ASK_EVERY_S,
+    LAPSE_S,
+    SUSPECTS_LIMIT,
+    YOUNG_S,
+    SameIdDetector,
+    Stance,
+)
 
 STEP_S, TAKEOVER_S = 0.05, 1.0
 LONG_S = YOUNG_S + 1.0
@@ -76,6 +84,47 @@ def test_they_hold_a_young_one_back_for_a_few_seconds_at_most():
         if detector.stance(1, now_s) is not Stance.GO_ON:
             held_s.append(now_s)
     assert max(held_s) < YOUNG_S + LAPSE_S
+
+
+def confirmed(began_s=0.0, now_s=LONG_S):
+    """A detector with the confirmed session z, and the time of its last answer."""
+    detector = SameIdDetector("m", began_s, TAKEOVER_S)
+    for _ in range(ANSWERS):
+        detector.record_message("z", now_s, 9)
+        detector.record_answer("z", detector.next_question(now_s), now_s)
+        now_s += 0.5
+    return detector, now_s - 0.5
+
+
+def test_a_confirmation_lapses_when_there_are_no_more_answers():
+    detector, now_s = confirmed()
+    assert detector.is_confirmed("z", now_s) and detector.stance(1, now_s) is Stance.STAND_BY
+    for _ in range(round(LAPSE_S / STEP_S) + 1):
+        now_s += STEP_S
+        detector.record_message("z", now_s, 9)
+    assert not detector.is_confirmed("z", now_s) and detector.stance(1, now_s) is Stance.GO_ON
+
+
+def test_a_young_one_does_not_wait_for_answers_for_ever():
+    detector = SameIdDetector("m", 0.0, TAKEOVER_S)
+    stances = []
+    for n in range(1, round(2 * LAPSE_S / STEP_S)):
+        detector.record_message("z", n * STEP_S, 9)
+        stances.append(detector.stance(1, n * STEP_S))
+    assert stances[0] is Stance.WAIT and stances[-1] is Stance.GO_ON
+
+
+def test_questions_are_not_asked_all_the_time_and_few_sessions_are_followed():
+    detector = SameIdDetector("m", 0.0, TAKEOVER_S)
+    for n in range(SUSPECTS_LIMIT + 1):
+        detector.record_message(str(n), LONG_S)
+    for n in range(ANSWERS):
+        now_s = LONG_S + n * 0.5
+        question = detector.next_question(now_s)
+        assert detector.next_question(now_s + ASK_EVERY_S / 2) is None
+        for session in range(SUSPECTS_LIMIT + 1):
+            detector.record_answer(str(session), question, now_s)
+    assert [detector.is_confirmed(str(n), now_s) for n in (0, SUSPECTS_LIMIT)] == [True, False]
 
 
 def test_answers_to_one_question_prove_nothing():

@@ -19,6 +19,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from common.probability import entropy_bits
 from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.movement import last_capture_ns
 
 
 def test_the_story_of_one_bow():
@@ -155,6 +156,29 @@ def test_what_the_last_frame_of_a_film_shows_is_decided_when_its_observer_has_go
         scene.tick()
         scene.fuse()
     assert scene.labels == ["bow", "bow"] and scene.verdicts[-1].stage == "ended"
+
+
+def test_a_second_without_any_observer_neither_ends_a_movement_nor_is_forgotten_by_a_service_that_follows():
+    scene = EngineDriver()
+    scene.engine.set_present(frozenset(VIEWS))
+    scene.step(all_views(sure("bow")), MOVING, 6)
+    captured_ns = scene.now_ns
+    scene.engine.set_present(frozenset())
+    for _ in range(10):
+        scene.tick()
+        judgement = scene.fuse()
+    assert judgement.agreement.n == 0 and last_capture_ns(judgement) == captured_ns
+    scene.engine.set_present(frozenset(VIEWS))
+    scene.step(all_views(sure("bow")), MOVING, 6)
+    assert [verdict.stage for verdict in scene.verdicts] == ["decided"]
+
+
+def test_a_movement_that_is_closed_does_not_end_before_its_decision():
+    scene = EngineDriver()
+    scene.step(all_views(sure("bow")), MOVING, 6)
+    (verdict,) = scene.verdicts
+    closed = scene.engine.close(verdict, verdict.decided_ns - STEP_NS, scene.now_ns, "dojo-9")
+    assert (closed.stage, closed.ended_ns, closed.same_as) == ("ended", verdict.decided_ns, "dojo-9")
 
 
 def test_what_is_improbable_is_not_decided_when_the_observers_go():

@@ -5,6 +5,8 @@ from engine_stage import LABELS, UNIFORM, EngineDriver, sure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.message_types import LAST_INTEGER
+
 BOW, LUNGE, PUNCH = (sure(label, 0.94) for label in LABELS)
 STORY = [
     *[(UNIFORM, 0.95)] * 5,
@@ -54,7 +56,7 @@ def alone():
 
 @pytest.mark.parametrize("verdict_arrived", [True, False])
 @pytest.mark.parametrize("last_step", range(len(STORY) + 1))
-def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_id(alone, last_step, verdict_arrived):
+def test_wherever_the_owner_stops_each_verdict_is_published_once_and_under_its_id(alone, last_step, verdict_arrived):
     """The leader's last message is a verdict without the judgement after it, or it sends nothing in that step."""
     leader, standby, published = Service("a"), Service("b", 3_000_000), []
     for n in range(len(STORY)):
@@ -73,7 +75,16 @@ def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_
     assert all(int(verdict_id.split("-")[1]) >= 1000_000 + last_step * 100 for verdict_id in new_ids), "an id changed"
 
 
-def test_the_end_is_published_on_the_leaders_evidence():
+def test_a_number_near_the_end_of_its_range_is_not_continued():
+    service = Service("b")
+    _, judgement = service.step(0)
+    service.follow([], judgement.model_copy(update={"seq": LAST_INTEGER}))
+    assert service.step(1)[1].seq == 1
+    service.follow([], judgement.model_copy(update={"seq": 1000}))
+    assert service.step(2)[1].seq == 1001
+
+
+def test_the_end_is_published_on_the_basis_of_the_owner():
     leader, standby, published = Service("a"), Service("b"), []
     for n in range(21):
         verdicts, judgement = leader.step(n)
@@ -90,7 +101,7 @@ def test_the_end_is_published_on_the_leaders_evidence():
     assert ended.seq > decided.seq
 
 
-def test_a_revision_that_the_leader_made_no_more_is_published_by_the_standby_service():
+def test_a_revision_that_the_owner_made_no_more_is_published_by_the_standby_service():
     """The leader's last judgement is older than the standby's own revision, and arrives after it."""
     leader, standby = Service("a"), Service("b")
     for n in range(STORY.index((LUNGE, 0.9))):
@@ -107,7 +118,7 @@ def test_a_revision_that_the_leader_made_no_more_is_published_by_the_standby_ser
 
 @settings(deadline=None)  # a whole story each time
 @given(st.lists(st.sampled_from(range(len(STORY))), max_size=6, unique=True))
-def test_the_lead_may_change_at_any_time(alone, changes):
+def test_the_owner_may_change_at_any_time(alone, changes):
     services, leading, published = [Service("a"), Service("b")], 0, []
     for n in range(len(STORY)):
         leading ^= n in changes

@@ -6,9 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN
-from fusion.engine.movement import PooledState
+from fusion.engine.movement import MovementDecision, PooledState
+from fusion.engine.outage import Outage
 from fusion.engine.verdict_detector import REVISIONS_LIMIT, VerdictDetector
 
 STEP_NS = 50_000_000
@@ -83,6 +85,18 @@ CASES = {
     "3: and a whole movement is, which begins soon after": (
         (rest(2), sure(12), rest(6), sure(16), rest(9)),
         {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 32: ("bow", 20, 32, None), 39: ("bow", 20, 32, 36)},
+    ),
+    "3: also after a rest of 0.4 s": (
+        (rest(2), sure(12), rest(8), sure(8), rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14)},
+    ),
+    "3: but not after a longer one": (
+        (rest(2), sure(12), rest(9), sure(8), rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 26: ("bow", 23, 26, None), 34: ("bow", 23, 26, 31)},
+    ),
+    "2: a label that comes back as the movement begins was not held before": (
+        (rest(2), sure(12), rest(12), sure_at_rest(1), sure(8), rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 30: ("bow", 27, 30, None), 38: ("bow", 27, 30, 35)},
     ),
     "1: certainty at rest is no movement": ((sure_at_rest(30),), {}),
     "1: as likely at rest as not is no movement": (([("bow", 0.9, 4, 0.5)] * 30,), {}),
@@ -244,6 +258,10 @@ RULE_7 = {
         (sure(6), moving(20, p=0.2), sure(6), rest(5)),
         [("decided", "bow", 0, None), ("ended", "bow", 0, 6), ("decided", "bow", 13, None), ("ended", "bow", 13, 32)],
     ),
+    "a label half as likely as demanded has not faded": (
+        (sure(6), moving(20, p=0.4), rest(5)),
+        [("decided", "bow", 0, None), ("ended", "bow", 0, 26)],
+    ),
     "undecided, it was something else": ((moving(6), else_steps(12), rest(5)), []),
 }
 
@@ -251,6 +269,24 @@ RULE_7 = {
 @pytest.mark.parametrize(("parts", "expected"), RULE_7.values(), ids=RULE_7)
 def test_rule_7_movements_without_rest(parts, expected):
     assert words(*parts) == expected
+
+
+def test_nothing_begins_where_something_else_is_likelier_than_not():
+    detector = VerdictDetector(CONFIG)
+    for n, unlearned in enumerate([0.51] * 20 + [0.5]):
+        assert detector.movement is None
+        detector.update(PooledState(n * STEP_NS, "bow", 0.3, 0, 0.1, unlearned))
+    assert detector.movement is not None
+
+
+def test_rule_2_that_all_observers_go_is_no_rest():
+    """The router is killed as a movement begins; what the observers held then is the label of the one before."""
+    for observed, stages in ((True, ["decided"]), (False, [])):
+        detector, published = VerdictDetector(CONFIG), []
+        for step, (label, p, agreeing, rest_p) in enumerate([*sure_at_rest(10), *sure(4), *rest(2)]):
+            is_observed = observed or step < 14
+            published += detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p, observed=is_observed))
+        assert [d.stage for d in published] == stages
 
 
 def test_without_observers_nothing_ends_or_begins():
@@ -361,6 +397,40 @@ def test_only_differences_of_time_count(steps, shift_ns):
         return [(d.label, *(t and t - start_ns for t in (d.began_ns, d.decided_ns, d.ended_ns))) for d in results]
 
     assert decided(10**9) == decided(10**9 + shift_ns)
+
+
+DECIDED = MovementDecision("bow", SECOND_NS, 3 * SECOND_NS)
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "decision", "effect"),
+    [
+        (1.0, DECIDED, (False, None, False, False, False)),
+        (1.1, DECIDED, (True, 3.0, False, False, False)),
+        (4.0, DECIDED, (True, 3.0, False, False, False)),
+        (5.1, DECIDED, (True, 3.0, False, False, True)),
+        (1.0, None, (False, None, False, False, False)),
+        (2.0, None, (True, None, True, False, False)),
+        (2.1, None, (True, None, True, True, False)),
+        (5.1, None, (True, None, True, True, False)),
+    ],
+)
+def test_8_the_effect_of_an_outage_depends_on_its_length_and_on_whether_there_was_a_decision(gap_s, decision, effect):
+    """The decision was made 1 s after the newest capture, on posteriors that had faded."""
+    outage = Outage()
+    assert not outage.update(2 * SECOND_NS, decision)
+    ended = outage.update(2 * SECOND_NS + round(gap_s * SECOND_NS), decision)
+    since_s = None if outage.since_ns is None else outage.since_ns / SECOND_NS
+    assert (ended, since_s, outage.begins_afresh, outage.hides_label, outage.ends_movement) == effect
+
+
+@pytest.mark.parametrize(("steps", "decided"), [(2, 12), (10, 3)], ids=["just after it", "later"])
+def test_8_a_movement_that_begins_just_after_an_outage_is_decided_later(steps, decided):
+    detector, published = VerdictDetector(CONFIG), []
+    for step, (label, p, agreeing, rest_p) in enumerate([*rest(2), *rest(steps), *sure(20, "lunge")]):
+        at_ns = (step + (30 if step >= 2 else 0)) * STEP_NS
+        published += detector.update(PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=at_ns))
+    assert [(d.stage, (d.decided_ns - d.began_ns) // STEP_NS) for d in published] == [("decided", decided)]
 
 
 def words_after_a_gap(before, gap, after, restart=False):
