@@ -1,6 +1,7 @@
 """The verb `labanmesh fuse`: a fusion service of one or many scenes."""
 
 import gc
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -37,27 +38,34 @@ def fuse(
 
     Example: LABANMESH_FUSION_RULE=log labanmesh fuse scene.toml
     """
-    from fusion.engine.rules import get_rule
-    from fusion.server import require_compatible, serve
+    from fusion.server import serve
 
     log_to_stderr()
     configs = [read_scene(path) for path in scene_files(scenes)]
-    require_compatible(configs)
     first = configs[0].fusion.id
     own = identifier(service or first, "--id")
     shared = len(configs) > 1
-    for scene in configs:
-        get_rule(scene.fusion.rule, len(scene.roster))
-        require_fits(scene)
-        scene.require_service(own, shared=shared)
-    # On one machine the first service is where all meet; the others connect to it as observers do.
+    # On one machine the others connect to the first service, as observers do.
     role: MeshRole = "fusion" if own == first else "standby"
-    for scene in configs:
-        require_certificate(scene, role, own)
-    # What has been loaded stays: a collection that looked through all of it would hold a judgement up for 30 ms.
+    require_servable(configs, own, role, shared=shared)
+    # A collection that looked through all loaded modules would delay a judgement by 30 ms.
     gc.freeze()
     with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own) as link:
         serve(configs, own, link, stop, shared=shared)
+
+
+def require_servable(scenes: Sequence[Scene], own: str, role: MeshRole, *, shared: bool) -> None:
+    """Raises BadInput, one line, if the service `own` of this machine cannot serve these scenes together."""
+    from fusion.engine.rules import get_rule
+    from fusion.server import require_compatible
+
+    require_compatible(scenes)
+    for scene in scenes:
+        get_rule(scene.fusion.rule, len(scene.roster))
+        require_fits(scene)
+        scene.require_service(own, shared=shared)
+    for scene in scenes:
+        require_certificate(scene, role, own)
 
 
 def require_certificate(scene: Scene, role: MeshRole, own: str) -> None:

@@ -15,7 +15,7 @@ from fusion.vocabulary_change import ObservedVocabularies
 
 log = logging.getLogger("labanmesh.fusion")
 SENDERS_LIMIT = 256
-"""A peer that invents names cannot fill the memory: further senders are counted as "others"."""
+"""Further senders are counted together as "others", so that invented names fill no memory."""
 NEWEST = 2
 """Messages of one observer that are read of a flood: if the last is a late copy, the one before may be the newest."""
 FLOOD = 64
@@ -80,7 +80,7 @@ class PosteriorIngest:
             decoder = self._decoders.get(arrival.key) or self._new_decoder(arrival.key)
             observer = decoder.observer
             if observer not in self._roster:
-                # Not decoded: whoever invents names costs little.
+                # Not decoded, so that invented names cost little.
                 self._log(observer, "unknown_observer", f"{len(arrival.payload)} bytes under {arrival.key}", now_ns)
                 continue
             try:
@@ -99,7 +99,7 @@ class PosteriorIngest:
             self._status.record_frames(frames, now_ns)
 
     def _new_decoder(self, key: str) -> PosteriorDecoder:
-        """A decoder, which is kept for observers of the scene: whoever invents names fills no memory."""
+        """A decoder; it is kept only for observers of the scene, so that invented names fill no memory."""
         decoder = PosteriorDecoder(key)
         if decoder.observer in self._roster:
             self._decoders[key] = decoder

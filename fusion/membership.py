@@ -245,11 +245,11 @@ class SceneMember:
             self._handover_checkpoint,
             self._file.read(self.scene.scene) if self._file is not None else None,
         ]
-        known = [checkpoint for checkpoint in checkpoints if checkpoint is not None]
+        available = [checkpoint for checkpoint in checkpoints if checkpoint is not None]
         worker.restored = True
-        if known:
+        if available:
             # Of equally new ones the first: a handover has more than a judgement.
-            worker.restore(max(known, key=lambda checkpoint: checkpoint.judgement.at_ns))
+            worker.restore(max(available, key=lambda checkpoint: checkpoint.judgement.at_ns))
 
     def _hand_over(self, requester: str) -> bytes | None:
         if self.worker is None or not self.ownership.hand_over_to(requester, self._service.ticks()):

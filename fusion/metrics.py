@@ -41,7 +41,7 @@ class FusionMetrics(Metrics):
         self._read = self.counter("posteriors_read", "Posteriors that were read: of a flood only the newest are.")
         self._ended = self.counter("movements_ended", "Movements that have ended, in all scenes of this service.")
         self._unheard = self.counter(
-            "movements_unheard", "Movements that had begun, were then heard by nobody for long, and have no verdict."
+            "movements_unheard", "Movements that had begun, without a verdict because of an outage."
         )
         self._undecided: dict[str, str] = {}
         self._revised = self.counter("verdicts_revised", "Decided labels that another label replaced.")
@@ -91,8 +91,8 @@ class FusionMetrics(Metrics):
         yield self.gauge("leading", "1 while this service is the one that publishes.", [((), float(self._owned))])
         # Every label is there from the first scrape on, so that the first verdict is an increase.
         # Those of a vocabulary from before stay, as counters must.
-        known = self._only.vocabulary.labels if self._only.vocabulary is not None else ()
-        labels = dict.fromkeys((*known, ABSTAIN, *self._verdicts))
+        current = self._only.vocabulary.labels if self._only.vocabulary is not None else ()
+        labels = dict.fromkeys((*current, ABSTAIN, *self._verdicts))
         verdicts = [((label,), float(self._verdicts[label])) for label in labels]
         yield self.total("verdicts", "Movements that have ended, by their verdict.", verdicts, "label")
         if self._judgement is not None:
@@ -133,7 +133,7 @@ class FusionMetrics(Metrics):
         yield self.gauge("observer_clock_skew_seconds", "How far its clock is ahead of ours.", skews, "observer")
 
     def _rejected(self, status: StatusMessage, judgement: JudgementMessage) -> "Iterable[Metric]":
-        """Senders that are not observers of the scene are counted together: anybody may invent names."""
+        """Senders that are not observers of the scene are counted together, because any process may invent names."""
         rejected: Tally[tuple[str, str]] = Tally()
         for name, statistics in (status.observers or {}).items():
             for reason, count in statistics.rejected.items():

@@ -89,7 +89,7 @@ class SceneWorker:
         """hand_over: called between two steps with the id of a service that asks for the scene."""
         self._scene, self._clock, self._engine, self._status = scene, service.clock, engine, status
         self._session = service.link.sub_session(polled=service.polled)
-        # Always polled: ownership changes between two steps, never within one.
+        # Always polled: ownership changes between two steps only.
         self._requests = service.link.sub_session(polled=True)
         self._requests.answer_requests(
             scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
@@ -98,9 +98,8 @@ class SceneWorker:
         # with 250 of them a message costs ten times as much. With few scenes the server has one inbox.
         names = map(scene.keys.posterior, scene.roster) if service.polled else ()
         self._posteriors = self._session.inbox(*names, ring=1)
-        self._present = self._session.presence(
-            scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
-        )
+        alive_keys = map(scene.keys.observer_alive, scene.roster)
+        self._present = self._session.presence(scene.keys.observer_alive(), alive_keys)
         self._alive: frozenset[str] | None = None
         self._ingest = PosteriorIngest(engine, status, service.clock)
         self._clocks = ClockQuerier(

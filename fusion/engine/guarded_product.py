@@ -106,5 +106,5 @@ def _hypotheses(w: Floats, ratio: Floats, prior: Floats, participation: Floats) 
 @cache
 def believed_by(size: int) -> Floats:
     """(H, N): 1 for an observer that the hypothesis believes. Fewer than three observers leave only hypothesis 0."""
-    everybody = np.ones((1, size))
-    return everybody if size < 3 else np.concatenate([everybody, off_diagonal(size)])
+    none_wrong = np.ones((1, size))
+    return none_wrong if size < 3 else np.concatenate([none_wrong, off_diagonal(size)])

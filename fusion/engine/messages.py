@@ -36,16 +36,17 @@ from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.weighing import NATS_TO_BITS
 
 LABEL_MARGIN = 0.01
-"""A posterior that differs from the prior by no more than this holds no label."""
+"""A posterior that differs from the prior by no more than this in any probability votes for no label."""
 FACING_CELLS_LIMIT = 8192
-"""Votes carry facings of up to so many cells together; more would not fit into a message."""
+"""Cells (M, K) of all facings together that votes carry; more would not fit into a message."""
 P = TypeVar("P", bound=MessagePart)
 
 
 @dataclass(slots=True)
 class Ballot:
-    """The votes, the pooled posterior with its entropy, its likeliest label with its probability (rounding apart, the
-    largest of `pooled`), and how many votes agree with that label, which is "" without a vote.
+    """The votes, the pooled posterior, and how many votes agree with its likeliest label.
+
+    entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
     """
 
     votes: dict[str, Vote]
@@ -78,9 +79,9 @@ class JudgementBuilder:
         self._ongoing: OngoingMovement | None = None
 
     def ballot(
-        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, about_rest: Mapping[str, float]
+        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, rest_reliability: Mapping[str, float]
     ) -> Ballot:
-        """Every observer's vote, and the fused label. about_rest: reliability about rest, where it is doubted."""
+        """Every observer's vote, and the fused label. rest_reliability: about rest, of doubted observers."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows, names = pooled.rows, self._vocabulary.labels
         *p, pooled_p = rows.tolist()
@@ -94,7 +95,7 @@ class JudgementBuilder:
             if posterior.state in POOLED_STATES:
                 label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
                 labels.append(label)
-            doubted = about_rest.get(posterior.observer) if about_rest else None
+            doubted = rest_reliability.get(posterior.observer) if rest_reliability else None
             votes[posterior.observer] = _vote(
                 posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, doubted
             )
@@ -108,7 +109,7 @@ class JudgementBuilder:
         """`entropy_bits` of each row, in half the time."""
         most = self._most_bits
         bits: list[float] = np.dot(rows * np.log(rows + TINY), self._to_bits).tolist()
-        return [0.0 if each <= 0.0 else most if each > most else each for each in bits]
+        return [0.0 if entropy <= 0.0 else most if entropy > most else entropy for entropy in bits]
 
     def judgement(
         self,
@@ -160,13 +161,13 @@ class JudgementBuilder:
     def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
         """Whether the posterior `p` differs from the prior, and "something else" is no likelier than its first label.
 
-        The first label is the likeliest of a uniform posterior, and agrees with nobody.
+        The first label is the likeliest of a uniform posterior, and votes for no movement.
         """
         top, unlearned, prior = p[likeliest], posterior.unlearned, self._prior
         if unlearned and unlearned > top * (1.0 - unlearned):
             return False
         return abs(top - prior[likeliest]) > LABEL_MARGIN or any(
-            abs(each - before) > LABEL_MARGIN for each, before in zip(p, prior, strict=True)
+            abs(posterior_p - prior_p) > LABEL_MARGIN for posterior_p, prior_p in zip(p, prior, strict=True)
         )
 
 
@@ -208,7 +209,7 @@ def _facing_cells(posteriors: Sequence[AgedPosterior]) -> int:
 
 def _in_range(p: list[float]) -> list[float]:
     """Pooled probabilities without the round-off that may leave one above 1."""
-    return p if max(p) <= 1.0 else [min(each, 1.0) for each in p]
+    return p if max(p) <= 1.0 else [min(probability, 1.0) for probability in p]
 
 
 def _vote(
@@ -244,7 +245,7 @@ def _vote(
 
 
 def build_verdict(
-    evidence: JudgementMessage,
+    basis: JudgementMessage,
     end: JudgementMessage,
     decision: MovementDecision,
     why: str | None,
@@ -252,8 +253,8 @@ def build_verdict(
     verdict_id: str,
     stamp: Stamp,
 ) -> VerdictMessage:
-    """The verdict for `decision`: posterior and votes are those of `evidence`, facets and facing those of `end`."""
-    fields = {name: getattr(evidence, name) for name in JudgementMessage.model_fields}
+    """The verdict for `decision`: posterior and votes are those of `basis`, facets and facing those of `end`."""
+    fields = {name: getattr(basis, name) for name in JudgementMessage.model_fields}
     fields |= {"facets": end.facets, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
     fields |= {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
     fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}

@@ -8,14 +8,14 @@ hostile. It loses trust if
 1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S);
 2. it has not changed sides while the others did; one that changes too often is no other;
 3. it is on another side than most of two or more others for much of the time. Of several others the lower median
-   counts, so that one of them cannot take trust from anybody;
+   counts, so that one of them cannot lower the trust in another;
 4. it and the only other contradict each other for much of the time, and its own posterior supports it less. A
    cumulative posterior learns while the person moves: each gain g of information adds g (1 - rest) to `right` and
    g rest to `wrong`, and evidence is e = right - wrong, 0 without a gain. Trust is the Bayes factor
    exp(EVIDENCE c (e - max e)) of its side against the other's, with c, 0 to 1, for how much they contradict.
 
 If frames come late or seldom, sides are compared as of the capture of the oldest newest frame, so that lateness alone
-contradicts nobody.
+is no contradiction.
 
 If two contradict each other and none of this shows which is wrong, rest is `contested`. The mean trust in an observer
 over the time in which it saw the person is its reliability about rest; votes publish it as `rest_reliability`.
@@ -53,7 +53,7 @@ LEAST_TRUST = 0.05
 RELIABILITY_S, RELIABLE = 8.0, 0.9
 """Trust is averaged over so long; observers of recorded people stay above .82, and those that lie fall below .1."""
 REFRESH_S = 0.25
-"""While nobody changes sides, trust is computed anew so often."""
+"""While no observer changes sides, trust is computed anew at this interval."""
 
 
 @dataclass(slots=True)

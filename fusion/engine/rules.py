@@ -10,7 +10,7 @@ them.
 
 Weights by certainty: the paper says "weighted by certainty" and gives no formula (section V.B). Inverse entropy is this
 project's reading, after Misra, Bourlard and Tyagi, "New entropy based combination rules in HMM/ANN multi-stream ASR",
-ICASSP 2003, who also give the two thresholds.
+ICASSP 2003, which also gives the two thresholds.
 """
 
 from collections.abc import Callable

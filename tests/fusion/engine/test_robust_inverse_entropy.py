@@ -59,10 +59,14 @@ def oracle(p, prior, trust, learned):
     inverse = [1 / max(float(-(row * np.log2(row)).sum()), 0.01) for row in robust]
     mean = sum(a * i for a, i in zip(part, inverse, strict=True)) / sum(part)
     surer = [min(1.2 * max(bits[j] for j in others[i]) / bits[i], 1.0) ** three for i in range(size)]
+    assert size < 8 or max(inverse) > 2 * mean
     w = [min(inverse[i] / mean, 2.0) * trust[i] * surer[i] for i in range(size)]
     similar = similarity(p / prior)
     unsure = [[min((1 - (p[i] + p[j]).max() / 2) / 0.03, 1) for j in range(size)] for i in range(size)]
-    rho = [[max(similar[i, j] * unsure[i][j], learned[i, j]) * part[j] for j in range(size)] for i in range(size)]
+    several = sum(part) > 1
+    rho = [
+        [several * max(similar[i, j] * unsure[i][j], learned[i, j]) * part[j] for j in range(size)] for i in range(size)
+    ]
     factor, agreement = [1.0] * size, [1.0] * size
     for _ in range(2):
         factor = []
@@ -79,15 +83,19 @@ def oracle(p, prior, trust, learned):
     return [x * total**-0.5 for x in w], [eps / (eps + (1 - eps) * o**three) for o in factor]
 
 
-@pytest.mark.parametrize("observers", [2, 3, 4])
-def test_exponents_and_eps_are_those_of_the_rules(observers):
+@pytest.mark.parametrize(
+    ("observers", "labels", "step"), [(2, 4, 1.0), (3, 4, 1.0), (4, 4, 1.0), (8, 20, 0.35), (2, 4, 0.1)]
+)
+def test_exponents_and_eps_are_those_of_the_rules(observers, labels, step):
+    """step: from the prior, so that one of eight is surer than twice the mean, or two hardly participate."""
     rng = np.random.default_rng(observers)
     for _ in range(10):
-        prior = normalise(rng.uniform(0.5, 1.5, 4))
-        p = normalise(rng.dirichlet(np.full(4, 0.5), observers) + 0.01)
+        prior = normalise(rng.uniform(0.5, 1.5, labels))
+        p = normalise(rng.dirichlet(np.full(labels, 0.5), observers) + 0.01)
+        p[: observers - (labels > 4)] = step * p[: observers - (labels > 4)] + (1 - step) * prior
         # One that is hardly surer than the prior, and one that is much surer than all.
-        p[0] = normalise(prior + rng.uniform(0, 0.1, 4))
-        p[-1] = normalise(p[-1] ** 3)
+        p[0] = normalise(prior + rng.uniform(0, 0.1, labels))
+        p[-1] = normalise(p[-1] ** (3 if step == 1.0 else 1) if labels == 4 else np.eye(labels)[0] + 1e-6)
         trust, learned = rng.uniform(0.1, 1, observers), np.triu(rng.uniform(0, 1, (observers, observers)), 1)
         learned += learned.T
         result = robust_weights(p, prior, ObserverTrust(trust, learned))
