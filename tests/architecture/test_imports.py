@@ -87,7 +87,7 @@ IMPURE = {
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "
         "observer.calibration.parameters observer.camera* observer.preview.* "
         "observer.recording.capture observer.rendering.canvas observer.runtime.paced_observer "
-        "observer.rendering.scenery observer.tracking.* studies.figures studies.figures.*"
+        "observer.rendering.scenery observer.tracking.* studies.figures studies.figures.* studies.from_pixels"
     ),
 }
 """What modules use that are not pure, and the patterns of their names. All other modules are pure."""
