@@ -85,7 +85,7 @@ EXTRAS = {
 }
 """Libraries that a plain install lacks, and the extra that installs them."""
 SYSTEM_LIBRARY = "cannot open shared object file"
-"""What the loader says of a library of the system that is not installed."""
+"""The loader's error for a library of the system that is not installed."""
 INSTALL_LIBRARY = (
     "install that library of the system (for libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
 )

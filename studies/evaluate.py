@@ -161,7 +161,7 @@ def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> 
     rate_hz = results[0].trial.recording.rate_hz if results else 1.0
     outputs = [ObserverOutputs(r.views, r.facing, r.unlearned) for r in results]
     disturbed = disturb(outputs, names, settings.faults, rate_hz, settings.seed)
-    # A sensor without a recording says nothing, also if it is faulty.
+    # A sensor without a recording has no output, also if it is faulty.
     shown = [
         replace(r, views=np.where(np.isnan(r.views), np.nan, o.p), facing=o.facing, unlearned=o.unlearned)
         for r, o in zip(results, disturbed, strict=True)

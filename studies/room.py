@@ -59,7 +59,7 @@ def nearer(first: Positions, factor: float, rate_hz: float, rng: np.random.Gener
 
 
 def stranger(first: Positions, factor: float, rate_hz: float, rng: np.random.Generator) -> Positions:
-    """Somebody `factor` times as tall stands there for STRANGER_S; then nobody is seen for ABSENT_S."""
+    """A person `factor` times as tall stands there for STRANGER_S; then no person is seen for ABSENT_S."""
     other = _scaled(first, np.full(round(STRANGER_S * rate_hz), factor))
     return np.concatenate([other, np.full((round(ABSENT_S * rate_hz), *first.shape), np.nan)])
 

@@ -1,4 +1,4 @@
-"""The verb `labanmesh doctor`: checks everything at once, and says what is wrong and what to do."""
+"""The verb `labanmesh doctor`: checks everything at once, and reports each fault with its mend."""
 
 import os
 import re
@@ -21,7 +21,7 @@ from deploy.doctor.broker import broker_facts, check_broker
 from deploy.doctor.cameras import TEST_S, check_cameras, no_webcam, observer_cameras, webcams
 from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_json, page, warning, worst
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
-from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen, nobody, unheard
+from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen, no_process, not_listened_to
 from deploy.doctor.network import check_network, is_free, network_facts
 from deploy.doctor.scene_file import MissingSceneFile, check_scene, read_existing_scene, scene_facts, unreadable
 from deploy.doctor.security import check_security, security_facts
@@ -171,9 +171,9 @@ def _mesh_findings(path: Path, scene: Scene, for_s: float) -> Iterator[Finding]:
     if facts.traffic is not None:
         yield from check_mesh(expected, facts.traffic)
     elif is_free(facts.network):
-        yield nobody(expected)
+        yield no_process(expected)
     else:
-        yield unheard(facts.network.mesh.endpoint)
+        yield not_listened_to(facts.network.mesh.endpoint)
 
 
 def _print_page(findings: Sequence[Finding], settings: Sequence[EffectiveSetting]) -> None:

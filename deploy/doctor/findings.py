@@ -49,7 +49,7 @@ def ok(group: Group, what: str) -> Finding:
 
 
 def warning(group: Group, what: str, to_do: str) -> Finding:
-    """It works, or may work, and somebody should know."""
+    """It works, or may work, but the user should know."""
     return Finding(group, "warning", what, to_do)
 
 
@@ -124,7 +124,7 @@ def settings_in_force(
 ) -> list[EffectiveSetting]:
     """Every key of `scene`, which was read from `table`, the file as TOML has it, and the environment.
 
-    Of virtual cameras only the keys that somebody set: most scenes have none.
+    Of the keys of virtual cameras only those that are set: most scenes have none.
     """
     settings = []
     for place, value in _leaves(scene.model_dump()):

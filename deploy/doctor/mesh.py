@@ -34,7 +34,7 @@ OPEN_S = 2.0
 ANSWER_S = 1.0
 """How long the process at the endpoint may take to answer as Zenoh does: on one machine it takes 12 ms."""
 QUERY_S = 0.4
-NOBODY_S = 1.0
+SILENCE_S = 1.0
 """After so long without any sign of life the doctor stops listening."""
 TAKE_S = 0.1
 RETRY_S = 0.01
@@ -87,7 +87,7 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
     reachable = network.connection is None or network.connection.took_s is not None
     if network.mesh.mode == "process" or not reachable:
         return MeshFacts(network)
-    began_s, listener, mesh = time.monotonic(), listener_for(scene), _to_connect(scene.mesh)
+    began_s, listener, mesh = time.monotonic(), listener_for(scene), _connectable(scene.mesh)
     try:
         process_id = listener.process_id
         link = Link.open(mesh, listener.role, timeout_s=OPEN_S, process_id=process_id, scene=scene.scene)
@@ -102,13 +102,13 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
         return MeshFacts(replace(network, fault=str(error)))
 
 
-def _to_connect(mesh: MeshConfig) -> MeshConfig:
+def _connectable(mesh: MeshConfig) -> MeshConfig:
     """Every interface is listened on, not connected to."""
     return mesh.at(mesh.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"))
 
 
 def _is_connected(link: Link) -> bool:
-    """Whether a Zenoh process is at the other end, by ANSWER_S: a peer's link opens before it has met anybody."""
+    """Whether a Zenoh process is at the other end, by ANSWER_S: a peer's link opens before it has a connection."""
     end_s = time.monotonic() + ANSWER_S
     while time.monotonic() < end_s:
         answers = [json.loads(payload) for payload in link.ask(PEERS, ANSWER_S).values()]
@@ -131,7 +131,7 @@ def _traffic(scene: Scene, link: Link, for_s: float) -> MeshTraffic:
             traffic.record(arrival.key, arrival.payload, arrival.arrived_ns)
         traffic.alive_observers = frozenset(map(observer_of, observers.alive))
         traffic.alive_fusions = frozenset(map(observer_of, fusions.alive))
-        if traffic.silent and passed_s > NOBODY_S:
+        if traffic.silent and passed_s > SILENCE_S:
             break
     traffic.listened_s = time.monotonic() - began_s
     return traffic
@@ -140,7 +140,7 @@ def _traffic(scene: Scene, link: Link, for_s: float) -> MeshTraffic:
 def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
     """The findings on a mesh that was listened to."""
     if traffic.silent:
-        return [nobody(expected)]
+        return [no_process(expected)]
     if expected.partly:
         what = "this machine's certificate is an observer's: the doctor hears of the fusion services alone"
         to_do = (
@@ -150,13 +150,13 @@ def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
     return [*_fusions(expected, traffic), *_judgements(expected, traffic), *_observers(expected, traffic)]
 
 
-def nobody(expected: ExpectedMesh) -> Finding:
+def no_process(expected: ExpectedMesh) -> Finding:
     """The finding on a mesh without any process of the scene."""
     what = f"no process of scene {expected.scene.scene} is on the mesh"
     return warning(GROUP, what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
 
 
-def unheard(endpoint: str) -> Finding:
+def not_listened_to(endpoint: str) -> Finding:
     """The finding on a mesh that could not be listened to."""
     return warning(GROUP, f"not listened to, at {endpoint}", "correct the findings on network and security first")
 

@@ -136,7 +136,7 @@ def try_to_listen(parts: EndpointParts) -> tuple[bool, str]:
 def listener_on(port: int) -> str:
     """The process of this machine that listens on a TCP port, `PID 123 (python server.py)`; "" where it is not known.
 
-    Linux alone tells, and of other users' processes only root learns.
+    Only on Linux; processes of other users are shown to root alone.
     """
     sockets = {f"socket:[{inode}]" for inode in _listening_inodes(port)}
     for process in Path("/proc").glob("[0-9]*") if sockets else ():

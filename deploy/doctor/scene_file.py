@@ -206,8 +206,8 @@ def _shared(facts: SceneFacts) -> Iterator[Finding]:
     for observer in facts.here:
         section, folder = facts.scene.observer(observer), facts.clip_folders.get(observer)
         if section.picture_hz:
-            who = "hubs with the right to pictures" if facts.scene.mesh.credentials else "any process of the mesh"
-            what = f"{observer}: live pictures are on: {who} may ask for {section.picture_hz:g} a second"
+            askers = "hubs with the right to pictures" if facts.scene.mesh.credentials else "any process of the mesh"
+            what = f"{observer}: live pictures are on: {askers} may ask for {section.picture_hz:g} a second"
             yield ok(GROUP, f"{what} (picture_hz = 0 ends it)")
         if folder is not None:
             clips = section.clips
@@ -219,7 +219,7 @@ def _shared(facts: SceneFacts) -> Iterator[Finding]:
 
 
 def _taught(facts: SceneFacts) -> Iterator[Finding]:
-    """Where observers of this machine could not be taught, before somebody tries."""
+    """Warns of observers of this machine that cannot be taught, because their folder cannot be written."""
     closed: dict[Path, list[str]] = {}
     for observer, folder in facts.taught_folders.items():
         if not folder.writable:

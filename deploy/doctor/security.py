@@ -50,7 +50,7 @@ def security_facts(network: NetworkFacts) -> SecurityFacts:
 
 
 def listener_for(scene: Scene) -> Listener:
-    """Best a hub, then fusion. Without credentials anybody may be a hub."""
+    """A hub if the certificate allows it, else fusion. Without credentials every process may be a hub."""
     certificate = _certificate(scene.mesh)
     if certificate is None or certificate.is_for("hub", scene=scene.scene):
         return Listener("hub")

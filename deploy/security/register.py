@@ -173,7 +173,7 @@ class Register:
         else:
             file = _File(version=SEVERAL_SCENES, scenes=self.scenes, certificates=list(self.certificates))
             unused = set()
-        # Older installations read a register in which nobody has these rights.
+        # Older installations read a register without these rights.
         rights = ("pictures", "teach")
         unused |= {name for name in rights if not any(getattr(each.roles, name) for each in self.certificates)}
         exclude: Any = {("scenes" if file.scene else "scene"): True, "certificates": {"__all__": {"roles": unused}}}

@@ -56,7 +56,7 @@ def router_config(
         mesh = mesh.model_copy(update={"credentials": credentials})
     flat = settings(mesh, "router", listen, 0.0)
     if mesh.credentials:
-        # Or somebody could open a plain listener beside the secured one.
+        # Otherwise a plain listener could be opened beside the secured one.
         flat["transport/link/protocols"] = sorted({endpoint.partition("/")[0] for endpoint in listen})
     flat["low_pass_filter"] = [_fitting(scenes)]
     tree = nested(flat)
@@ -73,7 +73,7 @@ def _fitting(scenes: Sequence["Scene"]) -> dict[str, Any]:
 
 
 def access_rules(scenes: Sequence["Scene"], register: Register) -> dict[str, Any]:
-    """Zenoh's `access_control`: what each certificate in force may do; without any, nobody may do anything."""
+    """Zenoh's `access_control`: what each certificate in force allows; without any, no process may do anything."""
     rules: list[Rule] = []
     subjects: list[Rule] = []
     policies: list[Rule] = []

@@ -23,7 +23,6 @@ from common.messages import (
     MessagePart,
     OngoingMovement,
     VerdictMessage,
-    VerdictStage,
     VocabularyReference,
     Vote,
 )
@@ -284,8 +283,5 @@ def progress_of(message: OngoingMovement | VerdictMessage) -> MovementProgress:
     """The inverse of `JudgementBuilder.ongoing`."""
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)
-    stage: VerdictStage = "decided" if message.revises is None else "revised"
-    decision = MovementDecision(
-        message.label, message.began_ns, message.decided_ns, stage=stage, revises=message.revises
-    )
+    decision = MovementDecision(message.label, message.began_ns, message.decided_ns, revises=message.revises)
     return MovementProgress(message.began_ns, decision)

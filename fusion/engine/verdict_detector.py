@@ -125,7 +125,7 @@ class VerdictDetector:
             return decisions
         was_moving = self._rest_since_ns is None
         self._update_rest(movement, state, label)
-        if label is None and was_moving and self._rest_since_ns is not None and self._candidate is not None:
+        if was_moving and self._rest_since_ns is not None and self._candidate is not None:
             label = self._candidate.label
         decision = self._revision(movement)
         if decision is None and movement.decision is None:

@@ -1,9 +1,13 @@
 """No verdict before the roster has begun: the wait at the start of a scene, on the engine with simulated time."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import pytest
-from engine_stage import MOVING, REST, UNIFORM, VIEWS, EngineDriver, sure
+from engine_stage import MOVING, REST, STEP_NS, UNIFORM, VIEWS, EngineDriver, aged, sure
 
 from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.roster_start import RosterStart
 
 GRACE_STEPS = 30
 
@@ -113,3 +117,22 @@ def test_a_new_vocabulary_ends_the_wait():
     scene.step(views(sure("bow"), VIEWS[:3]), MOVING, 5)
     ended = scene.engine.change_vocabulary(Vocabulary(("bow", "kick", "punch"), "karate"), scene.now_ns)
     assert [(each.label, each.stage) for each in ended] == [("bow", "decided"), ("bow", "ended")]
+
+
+@pytest.mark.parametrize(
+    ("label", "revises", "began", "is_published"),
+    [
+        (ABSTAIN, None, 20, False),
+        (ABSTAIN, None, 21, True),
+        (ABSTAIN, "bow", 20, True),
+        ("bow", None, 20, True),
+    ],
+    ids=["begun as the wait ended", "begun later", "a decision taken back", "a label"],
+)
+def test_only_a_first_abstention_on_a_movement_begun_during_the_wait_is_dropped(label, revises, began, is_published):
+    start = RosterStart()
+    start.begin(2.0)
+    for n in range(21):
+        start.update([aged("door", UNIFORM), replace(aged("wheel", UNIFORM, "silent"), age_s=None)], n * STEP_NS)
+    verdict = SimpleNamespace(label=label, revises=revises, began_ns=began * STEP_NS)
+    assert not start.waits and start.release([verdict]) == [verdict] * is_published

@@ -424,6 +424,13 @@ def test_8_the_effect_of_an_outage_depends_on_its_length_and_on_whether_there_wa
     assert (ended, since_s, outage.begins_afresh, outage.hides_label, outage.ends_movement) == effect
 
 
+def test_8_an_older_capture_of_a_service_that_is_followed_makes_no_outage():
+    outage = Outage()
+    outage.update(5 * SECOND_NS, None)
+    outage.follow(2 * SECOND_NS, None)
+    assert not outage.update(5 * SECOND_NS + SECOND_NS // 2, None)
+
+
 @pytest.mark.parametrize(("steps", "decided"), [(2, 12), (10, 3)], ids=["just after it", "later"])
 def test_8_a_movement_that_begins_just_after_an_outage_is_decided_later(steps, decided):
     detector, published = VerdictDetector(CONFIG), []
@@ -431,6 +438,25 @@ def test_8_a_movement_that_begins_just_after_an_outage_is_decided_later(steps, d
         at_ns = (step + (30 if step >= 2 else 0)) * STEP_NS
         published += detector.update(PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=at_ns))
     assert [(d.stage, (d.decided_ns - d.began_ns) // STEP_NS) for d in published] == [("decided", decided)]
+
+
+def test_8_after_an_outage_the_next_movement_is_decided_later_too():
+    detector, published = VerdictDetector(CONFIG), []
+    for step, (label, p, agreeing, rest_p) in enumerate([*sure(6), *sure(20, "lunge")]):
+        at_ns = (step + (30 if step >= 6 else 0)) * STEP_NS
+        published += detector.update(PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=at_ns))
+    steps = [(d.stage, d.label, d.began_ns // STEP_NS, d.decided_ns // STEP_NS) for d in published]
+    assert steps == [("decided", "bow", 0, 3), ("ended", "bow", 0, 3), ("decided", "lunge", 36, 48)]
+
+
+def test_8_something_else_after_an_outage_does_not_revoke_the_verdict():
+    detector, published = VerdictDetector(CONFIG.model_copy(update={"hold_s": 0.3})), []
+    for step, (label, p, agreeing, rest_p, *unlearned) in enumerate([*sure(10), *else_steps(8), *rest(10)]):
+        at_ns = (step + (30 if step >= 10 else 0)) * STEP_NS
+        state = PooledState(at_ns, label, p, agreeing, rest_p, *unlearned, newest_capture_ns=at_ns)
+        published += detector.update(state)
+    assert [(d.stage, d.label) for d in published] == [("decided", "bow"), ("ended", "bow")]
+    assert published[-1].ended_ns == 9 * STEP_NS
 
 
 def words_after_a_gap(before, gap, after, restart=False):
