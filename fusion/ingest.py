@@ -22,12 +22,12 @@ FLOOD = 64
 """More arrivals than this in one step mean that the service has fallen behind, or is flooded."""
 
 
-def newest(arrivals: Sequence[Arrival], flood: int = FLOOD) -> list[Arrival]:
-    """The last NEWEST arrivals of each key, in order of arrival; all of them when there are at most `flood`.
+def newest(arrivals: Sequence[Arrival]) -> list[Arrival]:
+    """The last NEWEST arrivals of each key, in order of arrival; all of them when there are at most FLOOD.
 
     A posterior is cumulative, so only the newest of each observer count.
     """
-    if len(arrivals) <= max(flood, NEWEST):
+    if len(arrivals) <= FLOOD:
         return list(arrivals)
     counts: Counter[str] = Counter()
     result = []

@@ -147,7 +147,7 @@ def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
             "run doctor on the fusion machine, or with a certificate for a hub: labanmesh secure add SCENE NAME --hub"
         )
         return [*_fusions(expected, traffic), warning(GROUP, what, to_do)]
-    return [*_fusions(expected, traffic), *_judgements(expected, traffic), *_observers(expected, traffic)]
+    return [*_fusions(expected, traffic), *_judgements(traffic), *_observers(expected, traffic)]
 
 
 def no_process(expected: ExpectedMesh) -> Finding:
@@ -187,7 +187,7 @@ def _fusions(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
         yield error(GROUP, what, f"labanmesh fuse {expected.path}{hint}")
 
 
-def _judgements(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
+def _judgements(traffic: MeshTraffic) -> Iterator[Finding]:
     judging = {name: process for name, process in traffic.fusions.items() if process.judgements}
     if len(judging) > 1:
         what = f"{len(judging)} fusion services judge at once: {', '.join(judging)}"

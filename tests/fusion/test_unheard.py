@@ -30,4 +30,5 @@ def test_a_movement_that_began_and_gave_way_to_another_without_a_verdict_was_unh
     for name in course:
         output = EngineOutput(judgement.model_copy(update={"movement": MOVEMENTS[name], "epoch": 1}), ())
         metrics.record(ServerStep([StepResult(output)], 1, 0, 0, 0, 0.0))
-    assert metrics._unheard._value.get() == unheard
+    identity = {"fusion": "fusion"}
+    assert metrics.registry.get_sample_value("labanmesh_movements_unheard_total", identity) == unheard
