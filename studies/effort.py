@@ -23,7 +23,7 @@ from observer.tracks import Floats
 from studies.evaluate import Progress, check_names
 from studies.fusion_engine import DEFAULT_RULE, get_rule
 from studies.metrics import accuracy, expected_calibration_error, log_loss
-from studies.report import FRACTIONS, figures, make_folder, write_text
+from studies.report import FRACTIONS, figures, make_folder, require_writable, write_text
 
 FUSED = "fused"
 
@@ -49,6 +49,8 @@ def effort(
     chosen = [parse_view(text) for text in split_views(views)]
     if report is not None:
         make_folder(report, "--report")
+    if json is not None:
+        require_writable(json, "--json")
     with ProgressBar() as bar:
         at = judge_poles(select(whole, (), rate or usual), chosen, rule, FRACTIONS, bar)
     summary = as_json(at, rule)

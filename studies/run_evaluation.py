@@ -16,7 +16,15 @@ from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels
 from studies.learning_curve import as_table, learning_curve
 from studies.observing import Extent, observe_folds
 from studies.over_mesh import fused_over_mesh
-from studies.report import as_json, draw_learning_curve, draw_streams, make_folder, write_report, write_text
+from studies.report import (
+    as_json,
+    draw_learning_curve,
+    draw_streams,
+    make_folder,
+    require_writable,
+    write_report,
+    write_text,
+)
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamResult
 from studies.stream import judge_observed
@@ -79,6 +87,8 @@ def run_evaluation(
     """Evaluate with progress, print the result, write the requested files; returns the files."""
     if report:
         make_folder(report, "--report")
+    if json:
+        require_writable(json, "--json")
     require_fits(settings)
     with ProgressBar() as bar:
         # First, so that its bad input is reported at once.

@@ -88,8 +88,9 @@ def _require_new(file: Path) -> None:
     """Check the file before the cameras are looked for."""
     if file.exists():
         raise BadInput(f"{file}: exists already and is not overwritten; name another file")
-    if not file.parent.is_dir():
-        raise LabanmeshError(f"cannot write {file}: no such file or directory. Name another file")
+    if not os.access(file.parent, os.W_OK):
+        reason = "permission denied" if file.parent.is_dir() else "no such file or directory"
+        raise LabanmeshError(f"cannot write {file}: {reason}. Name another file")
 
 
 def _write(file: Path, text: str) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common import SECOND_NS
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from observer.files import require_unpackable, write_arrays
 from observer.motion.archive import (
     HIGHEST_RATE_HZ,
@@ -149,7 +149,7 @@ def _check_is_zip(path: Path) -> None:
             start = file.read(4)
         whole = path.is_file() and zipfile.is_zipfile(path)
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error.strerror or error}; a motion archive is expected") from error
+        raise BadInput(f"{path}: cannot be read: {reason_of(error)}; name a motion archive (.npz)") from error
     if not start:
         raise BadInput(f"{path}: is empty; a motion archive (.npz) is expected")
     if not whole and start.startswith(b"PK"):

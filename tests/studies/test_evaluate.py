@@ -14,7 +14,7 @@ from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.over_mesh import fused_over_mesh
 from studies.performer import perform, perform_continuously
-from studies.report import as_json, write_report
+from studies.report import as_json, require_writable, write_report
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamVerdict, score
 from studies.stream import judge_streams
@@ -104,6 +104,14 @@ def test_the_report_is_written_and_read(result, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match=r"cannot make the folder .* Choose another one with --report"):
         write_report(result, figures, tmp_path / "file")
+
+
+def test_files_are_checked_before_the_long_work(tmp_path):
+    require_writable(tmp_path / "out.json", "--json")
+    assert not (tmp_path / "out.json").exists()
+    for path in (tmp_path, tmp_path / "no" / "out.json"):
+        with pytest.raises(BadInput, match=r"^cannot write .* Choose another path with --json$"):
+            require_writable(path, "--json")
 
 
 @pytest.mark.parametrize(
