@@ -123,7 +123,7 @@ def _status_of(words: Sequence[str]) -> int:
     if shadow:
         print(f"labanmesh: {shadow}", file=sys.stderr)
         return 2
-    from common.errors import LabanmeshError, reason_of
+    from common.errors import LabanmeshError, reason_of, with_scene_file
 
     try:
         status = _dispatch(words)
@@ -132,7 +132,7 @@ def _status_of(words: Sequence[str]) -> int:
         return status
     except LabanmeshError as error:
         # A value that is quoted may be of any length.
-        print(f"labanmesh: {error}"[:LINE_LIMIT], file=sys.stderr)
+        print(f"labanmesh: {with_scene_file(str(error), words)}"[:LINE_LIMIT], file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
         return 130

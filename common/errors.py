@@ -1,5 +1,7 @@
 """Errors that people read: one line that names the value, the rule and the way out. Pure."""
 
+from collections.abc import Sequence
+
 
 class LabanmeshError(Exception):
     """A failure at run time; the message is one readable line. The command line exits with status 1."""
@@ -16,3 +18,12 @@ class BadInput(LabanmeshError):  # noqa: N818 - it names whose fault it is, whic
 def reason_of(error: OSError) -> str:
     """The operating system's reason in lower case: `permission denied`."""
     return (error.strerror or str(error)).lower()
+
+
+def with_scene_file(message: str, words: Sequence[str]) -> str:
+    """The message with the scene file of the command line for SCENE, so that the command in it can be copied."""
+    import re
+    import shlex
+
+    file = next((word for word in words if word.endswith(".toml")), "SCENE")
+    return re.sub(r"\b(labanmesh (?:[a-z]+ )+)SCENE\b", lambda match: match[1] + shlex.quote(file), message)

@@ -156,6 +156,16 @@ def test_an_exception_is_a_status_and_one_line_or_none(run, verb, error, status,
     assert (ended, out, err.strip()) == (status, "", line)
 
 
+def test_a_command_in_an_error_names_the_scene_file_that_was_typed(run, verb):
+    def bow(scene: str = "") -> None:
+        raise BadInput("no authority; labanmesh secure init SCENE makes one")
+
+    verb(bow)
+    typed = run("bow", "--scene", "my room.toml")
+    assert typed[2] == "labanmesh: no authority; labanmesh secure init 'my room.toml' makes one\n"
+    assert "labanmesh secure init SCENE makes one" in run("bow")[2]
+
+
 def test_a_missing_module_of_ours_is_a_traceback(verb):
     def bow() -> None:
         raise missing("studies.gone")
