@@ -451,7 +451,8 @@ def test_8_after_an_outage_the_next_movement_is_decided_later_too():
 
 def test_8_something_else_after_an_outage_does_not_revoke_the_verdict():
     detector, published = VerdictDetector(CONFIG.model_copy(update={"hold_s": 0.3})), []
-    for step, (label, p, agreeing, rest_p, *unlearned) in enumerate([*sure(10), *else_steps(8), *rest(10)]):
+    still = [("bow", 0.05, 0, 0.9, 0.95)] * 10
+    for step, (label, p, agreeing, rest_p, *unlearned) in enumerate([*sure(10), *else_steps(8), *still]):
         at_ns = (step + (30 if step >= 10 else 0)) * STEP_NS
         state = PooledState(at_ns, label, p, agreeing, rest_p, *unlearned, newest_capture_ns=at_ns)
         published += detector.update(state)
