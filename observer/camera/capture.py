@@ -87,10 +87,11 @@ def require_device(text: str, platform: str = sys.platform) -> None:
     """
     device = _missing_device(text, platform)
     if device is not None:
-        raise BadInput(f"camera {text}: there is no {device}. Plug a camera in, or name another; {_WHICH}")
+        raise BadInput(f"camera {text}: there is no {device}. {_OTHER}; {_WHICH}")
 
 
 _WHICH = "labanmesh doctor lists the cameras of this machine"
+_OTHER = "Plug a camera in, or name another, a film or an address"
 
 
 def _missing_device(text: str, platform: str = sys.platform) -> Path | None:
