@@ -38,10 +38,10 @@ PAUSE_S = 0.008
 """Between two rounds over many scenes; the scenes that are due in a round are pooled together."""
 BATCH = 32
 """Scenes that are pooled at once; more save little."""
-LOT_NS = 2_000_000
-"""Posteriors that arrive within this time are one lot."""
-LOT_WAIT_S = 0.0003
-"""The first of a lot waits for the others at most this long."""
+FRAME_SET_NS = 2_000_000
+"""Posteriors that arrive within this time are one frame set."""
+FRAME_SET_WAIT_S = 0.0003
+"""The first of a frame set waits for the others at most this long."""
 SETTLE_S = 0.3
 """After opening a link it takes at most this long to know which services are alive."""
 ASK_CLOCKS_S = 60.0
@@ -103,14 +103,13 @@ class FusionServer:
         *,
         shared: bool,
         supervisor: Notifier,
-        ticks: Callable[[], float] = time.monotonic,
         polled: bool | None = None,
         pause_s: float = PAUSE_S,
     ) -> None:
         """polled: whether posteriors wait until a scene is due; None: if there are more than FEW_SCENES."""
         self._polled = len(scenes) > FEW_SCENES if polled is None else polled
-        self._ticks, self._polling_pause_s = ticks, pause_s
-        self._steady, self._lot, self._judgements_out = SteadyClock(), LotSize(), JudgementBatch()
+        self._ticks, self._polling_pause_s = time.monotonic, pause_s
+        self._steady, self._frame_set, self._judgements_out = SteadyClock(), FrameSet(), JudgementBatch()
         keys = () if self._polled else tuple(scene.keys.posterior() for scene in scenes)
         self._inbox = link.inbox(*keys)
         service = Service(
@@ -118,7 +117,7 @@ class FusionServer:
             session=secrets.token_hex(8),
             link=link,
             clock=clock or self._steady,
-            ticks=ticks,
+            ticks=self._ticks,
             shared=shared,
             polled=self._polled,
             wake=self._inbox.wake,
@@ -127,7 +126,7 @@ class FusionServer:
             supervisor=supervisor if len(scenes) == 1 else Notifier(""),
         )
         self.members = [SceneMember(scene, service) for scene in scenes]
-        now_s = ticks()
+        now_s = self._ticks()
         # Spread evenly, so that the last scene does not wait for the first.
         self._due_s = [now_s + n / len(scenes) / scene.fusion.step_hz for n, scene in enumerate(scenes)]
         self._status_s = now_s
@@ -169,15 +168,15 @@ class FusionServer:
                 member.close(fault)
 
     def _take(self) -> list[Arrival]:
-        """What has arrived, with the rest of a lot that has begun to arrive; waits until something is due."""
+        """What has arrived, with the rest of a frame set that has begun to arrive; waits until something is due."""
         arrivals = self._inbox.take(self._pause_s())
         if self._polled or not 0 < len(arrivals) <= FLOOD:
             return arrivals
-        waits_until_s = self._ticks() + LOT_WAIT_S
-        self._lot.add(arrivals)
-        while self._lot.missing and (left_s := waits_until_s - self._ticks()) > 0:
+        waits_until_s = self._ticks() + FRAME_SET_WAIT_S
+        self._frame_set.add(arrivals)
+        while self._frame_set.missing and (left_s := waits_until_s - self._ticks()) > 0:
             more = self._inbox.take(left_s)
-            self._lot.add(more)
+            self._frame_set.add(more)
             arrivals += more
         return arrivals
 
@@ -200,11 +199,12 @@ class FusionServer:
             yield member, own
 
 
-class LotSize:
-    """How many posteriors arrive together: observers whose cameras run in step publish at the same time.
+class FrameSet:
+    """The posteriors that arrive together: observers whose cameras run in step publish at the same time.
 
-    Judged one by one, the last of a lot would wait for the judgements of all others. Keys that come within LOT_NS of
-    the first belong to its lot. The last lot tells how many to expect; of cameras out of step that is one.
+    Judged one by one, the last of a set would wait for the judgements of all others. Keys that arrive within
+    FRAME_SET_NS of the first belong to its set. The last set tells how many to expect; of cameras out of step that is
+    one.
     """
 
     def __init__(self) -> None:
@@ -215,14 +215,14 @@ class LotSize:
     def add(self, arrivals: Sequence[Arrival]) -> None:
         """Note arrivals in order."""
         for arrival in arrivals:
-            if not 0 <= arrival.arrived_ns - self._begun_ns < LOT_NS:
+            if not 0 <= arrival.arrived_ns - self._begun_ns < FRAME_SET_NS:
                 self._begun_ns, self._expected = arrival.arrived_ns, len(self._keys)
                 self._keys = set()
             self._keys.add(arrival.key)
 
     @property
     def missing(self) -> bool:
-        """Whether the present lot has fewer posteriors than the one before."""
+        """Whether the present set has fewer posteriors than the one before."""
         return len(self._keys) < self._expected
 
 
