@@ -17,12 +17,16 @@ from common.errors import BadInput
 
 MOST_SPEED = 1000.0
 MOST_DIGITS = 9
-ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws)/[^\s/#?]+:\d{1,5}([#?]\S*)?\Z|unixsock-stream/\S+\Z")
+MOST_PORT = 65_535
+ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws)/[^\s/#?]+:(?P<port>\d{1,5})([#?]\S*)?\Z|unixsock-stream/\S+\Z")
 
 
 def _endpoint(value: str) -> str:
-    if not ENDPOINT.match(value):
+    match = ENDPOINT.match(value)
+    if not match:
         raise ValueError("must be PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447 (protocols: tcp, tls, quic, udp, ws)")
+    if int(match["port"] or 0) > MOST_PORT:
+        raise ValueError(f"the port must be 1 to {MOST_PORT}, e.g. tcp/127.0.0.1:7447")
     return value
 
 

@@ -89,6 +89,7 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
         (LEAST + "recording = -1", 'observers.cam1.recording = -1: must be the index of a recording, from 0, or "all"'),
         (LEAST + '[mesh]\nmode = "cloud"', "mesh.mode = 'cloud': must be 'machine', 'router' or 'process'"),
         (LEAST + '[mesh]\nendpoint = "localhost"', "mesh.endpoint = 'localhost': must be PROTOCOL/HOST:PORT"),
+        (LEAST + '[mesh]\nendpoint = "tcp/a:70000"', "mesh.endpoint = 'tcp/a:70000': the port must be 1 to 65535"),
         (LEAST + f'[mesh]\nendpoint = "{"x" * 5000}"', f"mesh.endpoint = '{'x' * 59}...: must be PROTOCOL/HOST:PORT"),
         (LEAST + '[mesh]\nprefix = "a b"', "mesh.prefix = 'a b': 1 to 64 characters"),
         (LEAST.replace("cam1", "Cam1"), "observers = 'Cam1': 1 to 64 characters"),
