@@ -47,7 +47,7 @@ def read_text(path: Path, limit: int = TEXT_LIMIT) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise ValueError("not UTF-8 text; save it as UTF-8") from None
+        raise ValueError("not UTF-8 text; name a text file, or save it as UTF-8") from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:
