@@ -267,6 +267,8 @@ def _run(verb: str, words: Sequence[str]) -> int:
         typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
         example = _example(verb) if text.startswith("Missing ") else ""
         raise BadInput(f"{typed}: {text.rstrip('.')}{example}; see labanmesh {verb} --help") from None
+    except SystemExit as ending:  # typer makes a status of 1 of a closed pipe
+        raise ending.__context__ if isinstance(ending.__context__, BrokenPipeError) else ending from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     return status if isinstance(status, int) else 0

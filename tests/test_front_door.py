@@ -181,11 +181,12 @@ def test_the_extras_are_those_of_the_distribution():
     assert set(labanmesh.EXTRAS.values()) <= set(metadata("labanmesh").get_all("Provides-Extra"))
 
 
-def test_a_closed_pipe_is_not_an_error():
+@pytest.mark.parametrize("words", [("--help",), ("doctor",)])
+def test_a_closed_pipe_is_not_an_error(words):
     reading, writing = os.pipe()
     os.close(reading)
     try:
-        command = [sys.executable, "-P", "-m", "labanmesh", "--help"]
+        command = [sys.executable, "-P", "-m", "labanmesh", *words]
         ended = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, timeout=60, check=False)
     finally:
         os.close(writing)
