@@ -109,12 +109,11 @@ class PosteriorMessage(Message):
 class Vote(MessagePart):
     """One observer's entry in a judgement; its fields are null while the observer has sent nothing usable.
 
-    `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`
-    is the share in the pooled posterior, `rest` the probability that the person rests. `skew_s` is how far the
-    observer's clock is ahead of the fusion machine's; `age_s` is corrected by it. `reliability` is learned from earlier
-    verdicts, and less while the observer contradicts itself: 1 is full trust; `rest_reliability` that in `rest`, null
-    if nothing is against it. `doubles` are the correlated observers, each with its correlation from 0 to 1. In a short
-    vote `root_p` stands for `p`, which is computed when it arrives, and `facing`, `facets` and `doubles` are missing.
+    `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`:
+    its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
+    ahead of ours, by which `age_s` is corrected; `reliability`: learned, and less while it contradicts itself;
+    `rest_reliability`: that of `rest`, if doubted; `doubles`: correlated observers; `freshness`: what is left of a
+    stale opinion. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles` or `freshness`.
     """
 
     label: str | None
@@ -132,6 +131,7 @@ class Vote(MessagePart):
     rest_reliability: Probability | None = None
     doubles: dict[str, Probability] | None = None
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
+    freshness: Probability | None = None
 
     @model_validator(mode="after")
     def _with_p(self) -> "Vote":

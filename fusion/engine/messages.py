@@ -239,6 +239,7 @@ def _vote(
         "rest_reliability": rest_reliability,
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
         "root_p": roots if is_used else None,
+        "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,
     }
     return unchecked(Vote, fields)
 

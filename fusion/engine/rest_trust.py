@@ -6,7 +6,9 @@ An observer that says rest is at least 1/2 is on the side of rest, else on the s
 hostile. It loses trust if
 
 1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S);
-2. it has not changed sides while the others did; one that changes too often is no other;
+2. it has not changed sides while the others did; one that changes too often is no other. Any change of the others
+   takes trust at once, since a wrong side does harm. Its reliability loses only by changes that it missed: those that
+   lasted for so long that two of its own frames (STAYED_S) might have shown them;
 3. it is on another side than most of two or more others for much of the time. Of several others the lower median
    counts, so that one of them cannot lower the trust in another;
 4. it and the only other contradict each other for much of the time, and its own posterior supports it less. A
@@ -15,7 +17,8 @@ hostile. It loses trust if
    exp(EVIDENCE c (e - max e)) of its side against the other's, with c, 0 to 1, for how much they contradict.
 
 If frames come late or seldom, sides are compared as of the capture of the oldest newest frame, so that lateness alone
-is no contradiction.
+is no contradiction. Between two frames on different sides an observer may have been on either: there its older frame is
+compared with the others, and none of theirs with it.
 
 If two contradict each other and none of this shows which is wrong, rest is `contested`. The mean trust in an observer
 over the time in which it saw the person is its reliability about rest; votes publish it as `rest_reliability`.
@@ -25,6 +28,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 
 from common import SECOND_NS
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -38,6 +42,8 @@ STUCK_S, MISSED = 6.0, 4
 """An observer that changed sides before is stuck after so long, and so many changes of the others."""
 MET_S = 1.0
 """One that never changed sides is stuck after so long; those that change too often are known by then."""
+STAYED_S = 0.3
+"""A change of another is missed if two frames so far apart show nothing of it: no turn, tail or blink of the other."""
 DISSENT_S = 8.0
 USUAL_DISSENT, DISSENT_RANGE = 0.25, 0.25
 """Observers of recorded people differ from one another in 6 to 12 % of the time, at most 20 % of eight seconds."""
@@ -60,7 +66,8 @@ REFRESH_S = 0.25
 class _Witness:
     """One observer's side, when it changed it (newest last), its information, and what was gained on each side.
 
-    Times are those of capture, by our clock. captured_ns: of its newest frame.
+    Times are those of capture, by our clock. captured_ns: of its newest frame. before_ns: of the last frame before each
+    change, as far as frames were looked at. missed: changes of each other one since it changed sides itself.
     dissent: how much it lately differed from most of the others; contradiction: from the only other.
     """
 
@@ -69,6 +76,8 @@ class _Witness:
     met_ns: int
     captured_ns: int = 0
     changed_ns: list[int] = field(default_factory=list)
+    before_ns: list[int] = field(default_factory=list)
+    missed: dict[str, "_MissedChanges"] = field(default_factory=dict)
     right: float = 0.0
     wrong: float = 0.0
     dissent: float = 0.0
@@ -79,11 +88,14 @@ class _Witness:
     def note(self, posterior: AgedPosterior, now_ns: int) -> None:
         """Take its newest posterior."""
         rests = posterior.rest >= 0.5
-        self.captured_ns = now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
+        last_ns, self.captured_ns = self.captured_ns, now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
         if rests != self.rests:
             self.rests = rests
+            self.missed.clear()
             self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
-        gain, self.information = posterior.information - self.information, posterior.information
+            self.before_ns = [*self.before_ns[1 - CHANGES_KEPT :], last_ns]
+        information = posterior.information
+        gain, self.information = information - self.information, information
         if gain > 0.0:
             decay = math.exp(-gain / MOVEMENTS_KEPT)
             self.right = self.right * decay + gain * (1.0 - posterior.rest)
@@ -91,18 +103,39 @@ class _Witness:
 
     def compare(self, others: Sequence["_Witness"], at_ns: int, seconds: float) -> None:
         """Note the side that it was on at `at_ns`, beside the others, for so long (3, 4)."""
-        rests, resting = self.rested_at(at_ns), sum(other.rested_at(at_ns) for other in others)
-        if len(others) == 1:
+        after = bisect_right(self.changed_ns, at_ns)
+        if after < len(self.changed_ns):
+            # Between two frames on different sides the first one speaks, as of its capture.
+            at_ns = min(at_ns, self.before_ns[after])
+        rests = self._side_before(after)
+        sides = [side for other in others if (side := other.rested_at(at_ns)) is not None]
+        if len(others) == 1 and sides:
             share = 1.0 - math.exp(-seconds / self.compared_s)
             self.compared_s = min(self.compared_s + seconds, DISSENT_S)
-            self.contradiction += ((rests != bool(resting)) - self.contradiction) * share
-        elif 2 * resting != len(others):
-            differs = rests != (2 * resting > len(others))
+            self.contradiction += ((rests != sides[0]) - self.contradiction) * share
+        elif len(sides) > 1 and 2 * (resting := sum(sides)) != len(sides):
+            differs = rests != (2 * resting > len(sides))
             self.dissent += (differs - self.dissent) * (1.0 - math.exp(-seconds / DISSENT_S))
 
-    def rested_at(self, at_ns: int) -> bool:
-        """The side that it was on."""
-        return self.rests != (self.changes_since(at_ns) % 2 == 1)
+    def rested_at(self, at_ns: int) -> bool | None:
+        """The side that it was on; None between two frames on different sides, when it may have been on either."""
+        after = bisect_right(self.changed_ns, at_ns)
+        if after < len(self.changed_ns) and self.before_ns[after] < at_ns:
+            return None
+        return self._side_before(after)
+
+    def stay_at(self, at_ns: int) -> tuple[bool, int, int]:
+        """The side that its frames show around `at_ns`, and when the first and the last of them were captured.
+
+        The first is `at_ns` where it is not known.
+        """
+        after = bisect_right(self.changed_ns, at_ns)
+        last_ns = self.before_ns[after] if after < len(self.changed_ns) else self.captured_ns
+        return self._side_before(after), self.changed_ns[after - 1] if after else at_ns, last_ns
+
+    def _side_before(self, change: int) -> bool:
+        """The side that it was on before its change of that index."""
+        return self.rests != ((len(self.changed_ns) - change) % 2 == 1)
 
     @property
     def evidence(self) -> float:
@@ -125,19 +158,49 @@ class _Witness:
             calmness *= 1.0 if changes <= limit else (limit / changes) ** 3
         return calmness
 
-    def liveliness(self, others: Sequence["_Witness"], now_ns: int) -> float:
-        """Half for each change of the others that it has not made, if it is no matter of timing (2)."""
-        last_ns = self.changed_ns[-1] if self.changed_ns else None
-        since_ns, until_ns = last_ns or self.met_ns, self.captured_ns
-        counts = (
-            other.changes_since(since_ns) - other.changes_since(until_ns) if other.calmness(now_ns) == 1.0 else 0
-            for other in others
-        )
-        missed = sorted(counts)[(len(others) - 1) // 2]
-        if last_ns is None:
-            return float(0.5**missed) if now_ns - self.met_ns > MET_S * SECOND_NS else 1.0
-        is_stuck = missed > MISSED and now_ns - last_ns > STUCK_S * SECOND_NS
-        return float(0.5 ** (missed - MISSED)) if is_stuck else 1.0
+    def watch(self, name: str, other: "_Witness") -> None:
+        """Note whether its newest frame shows that it missed a change of another (2)."""
+        missed = self.missed.get(name)
+        if missed is None:
+            missed = self.missed[name] = _MissedChanges(other.stay_at(self.captured_ns)[0])
+        missed.look(other, self.captured_ns)
+
+    def liveliness(self, others: Mapping[str, "_Witness"], now_ns: int) -> tuple[float, float]:
+        """Half for each change of the others that it has not made, and that it has missed, if it is no timing (2)."""
+        last_ns, until_ns = self.changed_ns[-1] if self.changed_ns else None, self.captured_ns
+        patience_s, allowed = (MET_S, 0) if last_ns is None else (STUCK_S, MISSED)
+        if now_ns - (last_ns or self.met_ns) <= patience_s * SECOND_NS:
+            return 1.0, 1.0
+        since_ns, half = last_ns or self.met_ns, (len(others) - 1) // 2
+        calm = {name: other for name, other in others.items() if other.calmness(now_ns) == 1.0}
+        rest = [0] * (len(others) - len(calm))
+        made = [other.changes_since(since_ns) - other.changes_since(until_ns) for other in calm.values()]
+        shown = [self.missed[name].count if name in self.missed else 0 for name in calm]
+        not_made, missed = (max(sorted(counts + rest)[half] - allowed, 0) for counts in (made, shown))
+        return float(0.5**not_made), float(0.5**missed)
+
+
+@dataclass(slots=True)
+class _MissedChanges:
+    """How often another has changed sides since an observer did, and the observer's own frames might have shown it.
+
+    rests: the side of the other that the observer's frames have shown last. first_ns: its first frame since the other
+    left that side.
+    """
+
+    rests: bool
+    count: int = 0
+    first_ns: int = 0
+
+    def look(self, other: _Witness, at_ns: int) -> None:
+        """A frame of the observer, captured at `at_ns`, shows no change."""
+        rests, began_ns, last_ns = other.stay_at(at_ns)
+        if rests == self.rests or min(last_ns, at_ns) - began_ns < STAYED_S * SECOND_NS:
+            return
+        if self.first_ns == 0:
+            self.first_ns = at_ns
+        elif at_ns - self.first_ns >= STAYED_S * SECOND_NS:
+            self.rests, self.count, self.first_ns = rests, self.count + 1, 0
 
 
 class RestTrust:
@@ -173,10 +236,16 @@ class RestTrust:
                 self._witnesses[name] = _Witness(posterior.rest >= 0.5, posterior.information, now_ns)
             self._witnesses[name].note(posterior, now_ns)
         self._sides, self._names = sides, [posterior.observer for posterior in sighted]
-        self._trust = [self._trust_in(posterior.observer, now_ns) for posterior in posteriors]
-        trust = dict(zip((posterior.observer for posterior in posteriors), self._trust, strict=True))
-        self.contested, self.reliability = self._is_contested(trust), self._reliability(trust, seconds)
+        self._watch()
+        both = {posterior.observer: self._trust_in(posterior.observer, now_ns) for posterior in posteriors}
+        self._trust = [trust for trust, _ in both.values()]
+        self.contested, self.reliability = self._is_contested(both), self._reliability(both, seconds)
         return self._trust
+
+    def _watch(self) -> None:
+        """Note which changes of the others each observer has missed."""
+        for name, other in permutations(self._names, 2):
+            self._witnesses[name].watch(other, self._witnesses[other])
 
     def _compare(self, last_ns: int, seconds: float) -> None:
         """Compare the sides since the last update: of `last_ns`, or of the oldest frame if that came late."""
@@ -191,29 +260,31 @@ class RestTrust:
         for witness in sighted if len(sighted) > 1 else ():
             yield witness, [other for other in sighted if other is not witness]
 
-    def _trust_in(self, observer: str, now_ns: int) -> float:
+    def _trust_in(self, observer: str, now_ns: int) -> tuple[float, float]:
+        """The trust in its side, and that of which its reliability is the mean."""
         witness = self._witnesses.get(observer)
-        others = [self._witnesses[name] for name in self._names if name != observer]
+        others = {name: self._witnesses[name] for name in self._names if name != observer}
         if witness is None or not others:
-            return 1.0
-        trust = witness.calmness(now_ns) * witness.liveliness(others, now_ns) * (1.0 - _excess(witness.dissent))
+            return 1.0, 1.0
+        not_made, missed = witness.liveliness(others, now_ns)
+        trust = witness.calmness(now_ns) * (1.0 - _excess(witness.dissent))
         if len(others) == 1:
-            behind = max(others[0].evidence - witness.evidence, 0.0)
+            behind = max(next(iter(others.values())).evidence - witness.evidence, 0.0)
             trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))
-        return max(trust, LEAST_TRUST)
+        return max(trust * not_made, LEAST_TRUST), max(trust * missed, LEAST_TRUST)
 
-    def _is_contested(self, trust: Mapping[str, float]) -> bool:
+    def _is_contested(self, trust: Mapping[str, tuple[float, float]]) -> bool:
         if len(self._names) != 2:
             return False
         contradiction = min(self._witnesses[name].contradiction for name in self._names)
-        low, high = sorted(trust[name] for name in self._names)
+        low, high = sorted(trust[name][0] for name in self._names)
         return _excess(contradiction) >= CONTESTED and low >= UNDECIDED * high
 
-    def _reliability(self, trust: Mapping[str, float], seconds: float) -> dict[str, float]:
+    def _reliability(self, trust: Mapping[str, tuple[float, float]], seconds: float) -> dict[str, float]:
         share = 1.0 - math.exp(-seconds / RELIABILITY_S)
         for name in self._names:
             witness = self._witnesses[name]
-            witness.reliability += (trust[name] - witness.reliability) * share
+            witness.reliability += (trust[name][1] - witness.reliability) * share
         return {name: round(w.reliability, 3) for name, w in self._witnesses.items() if w.reliability < RELIABLE}
 
 

@@ -66,7 +66,7 @@ class AgedPosterior:
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
     with other observers: learned from verdicts; reliability is also lower for an observer that contradicts itself
-    (reliability.py). freshness: k of rules 3 and 7, 0 to 1. message: its newest one, which is not faded.
+    (reliability.py). freshness: k of rules 3 and 7, 0 to 1.
     """
 
     observer: str
@@ -81,12 +81,15 @@ class AgedPosterior:
     reliability: float = 1.0
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
-    message: PosteriorMessage | None = None
 
     @property
     def information(self) -> float:
-        """Information of its newest message about the movement, not faded, 0 to 1; computed only when it is used."""
-        return 0.0 if self.message is None else information_of(self.message.p, self.message.unlearned)
+        """Information about the movement, not faded, 0 to 1; computed only when it is used."""
+        p, unlearned, freshness = self.p, self.unlearned, self.freshness
+        if 0.0 < freshness < 1.0:
+            p = temper(self.p, uniform(len(p)), 1.0 / freshness)
+            unlearned = None if unlearned is None else faded_unlearned(self.p, unlearned, 1.0 / freshness)
+        return information_of(p.tolist(), unlearned)
 
 
 class Roster:
@@ -219,7 +222,7 @@ class Roster:
         steadiness = 1.0 if state.steadiness >= enough else round(state.steadiness / enough, 3)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            record.reliability * steadiness, record.correlations, freshness, message,
+            record.reliability * steadiness, record.correlations, freshness,
         )  # fmt: skip
         return fresh if freshness == 1.0 else self._faded(fresh)
 

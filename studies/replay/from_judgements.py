@@ -185,6 +185,7 @@ def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[s
         {name: np.array(facet) for name, facet in (vote.facets or {}).items()},
         1.0 if vote.reliability is None else vote.reliability,
         {other: share for other, share in (vote.doubles or {}).items() if other in remaining},
+        1.0 if vote.freshness is None else vote.freshness,
     )
 
 

@@ -31,12 +31,16 @@ FORGET_S = 4.0
 
 @dataclass(frozen=True)
 class Case:
-    """One row: how many judges, the hostile one among them, at which rate, and how many of the honest are blind."""
+    """One row: how many judges, the hostile one among them, at which rate, and how many of the honest are blind.
+
+    slow_hz: the rate of the first honest one, if it is another.
+    """
 
     strategy: str
     judges: int
     rate_hz: float
     blind: int = 0
+    slow_hz: float | None = None
 
     @property
     def label(self):
@@ -68,7 +72,10 @@ class Harm:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Verdicts by id: label and span in seconds of the film, whether ended; and what is known of the hostile judge."""
+    """Verdicts by id: label and span in seconds of the film, whether ended; and what is known of the hostile judge.
+
+    about_rest: the least reliability about rest of each judge at any moment, of those that ever lost some.
+    """
 
     verdicts: dict
     reliability: float | None
@@ -76,6 +83,7 @@ class Outcome:
     states: set
     judgement: object
     statistics: dict
+    about_rest: dict
 
 
 def run(person, case):
@@ -100,7 +108,9 @@ class _Trial:
         self.reference = VocabularyReference(name=person.vocabulary.name, hash=person.vocabulary.digest)
         self.own = person.course("side")
         self.hostile = STRATEGIES.get(case.strategy)
-        self.messages, self.states, self.last = [], set(), None
+        self.messages, self.states, self.last, self.about_rest = [], set(), None, {}
+        self.rates = dict.fromkeys((*honest, HOSTILE), case.rate_hz)
+        self.rates[honest[0]] = case.slow_hz or case.rate_hz
 
     def play(self):
         rate = max(self.case.rate_hz, STEP_HZ)
@@ -111,13 +121,16 @@ class _Trial:
             self.now_ns = BEGAN_NS + round(at_s * SECOND_NS)
             for n, name in enumerate(sent):
                 # Each at its own moment, as cameras are.
-                due = int(at_s * self.case.rate_hz - n / len(sent)) + 1
+                due = int(at_s * self.rates[name] - n / len(sent)) + 1
                 if at_s < length_s and due > sent[name]:
                     sent[name] = due
                     self._send(name, due, at_s)
             output = self.engine.step(self.now_ns)
             self.messages += output.verdicts
             self.states.add(output.judgement.votes[HOSTILE].state)
+            for name, vote in output.judgement.votes.items():
+                if vote.rest_reliability is not None:
+                    self.about_rest[name] = min(self.about_rest.get(name, 1.0), vote.rest_reliability)
             self.last = output.judgement
         return self._outcome()
 
@@ -156,7 +169,7 @@ class _Trial:
             verdicts[message.id] = (message.label, span, message.ended_ns is not None)
         vote, rejected = self.last.votes[HOSTILE], dict(self.engine.rejected[HOSTILE])
         statistics = self.ingest.statistics(list(self.last.votes))
-        return Outcome(verdicts, vote.reliability, rejected, self.states, self.last, statistics)
+        return Outcome(verdicts, vote.reliability, rejected, self.states, self.last, statistics, self.about_rest)
 
 
 def compare(person, without, under, honest=None):

@@ -9,6 +9,7 @@ from attack_trial import BEGAN_NS, HOSTILE, Case, run
 from rich.console import Console
 
 from common.config import ObserverConfig, Scene
+from common.message_types import CONTRADICTED
 from common.messages import StatusMessage
 from common.wire import encode
 from deploy.doctor.mesh import ExpectedMesh, check_mesh
@@ -96,3 +97,14 @@ def test_nobody_is_named_where_nobody_does_harm(names, strategy, long_form):
     if not long_form:
         pytest.skip("in the long form: make attacks")
     assert names(strategy) == {place: set() for place in PLACES}
+
+
+@pytest.mark.parametrize("all_slow", [False, True], ids=["alone", "all"])
+@pytest.mark.parametrize("rate_hz", [0.5, 1, 2, 4, 30])
+def test_an_honest_judge_that_publishes_seldom_is_not_named_at_any_moment(person, rate_hz, all_slow, long_form):
+    if not long_form:
+        pytest.skip("in the long form: make attacks")
+    for judges in (2, 3, 4):
+        case = Case(HONEST, judges, rate_hz if all_slow else 15, slow_hz=rate_hz)
+        outcome = run(person, case)
+        assert all(least >= CONTRADICTED for least in outcome.about_rest.values()), (case, outcome.about_rest)

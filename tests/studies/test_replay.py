@@ -32,6 +32,7 @@ from common.capture_file import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.wire import decode, encode
+from fusion.engine.explanation import CONTESTED_REST
 from studies.fusion_engine import FusionEngine, step
 from studies.replay.comparison import VerdictRecord, as_json, as_text, compare_verdicts
 from studies.replay.from_judgements import Gap, ReplayChange
@@ -149,6 +150,23 @@ def test_optional_fields_come_out_the_same(write):
     result = judge_again(write(records, a_scene(temperature=1.3)), ReplayChange())
     assert result.same == result.judgements and result.faithful
     assert any(b"contributions" in record.payload for record in records)
+
+
+def test_contested_rest_comes_out_the_same(write):
+    """Two that contradict each other about rest, until one of them knows what is done; then that one fades."""
+    played = []
+    for n in range(1, 240):
+        at_ns, label = NOON + n * STEP, "bowing" if n // 15 % 2 else None
+        door = posterior("door", n, at_ns, label if n > 100 else None, rest=0.02 if label else 0.98)
+        corner = posterior("corner", n, at_ns, rest=0.98 if label else 0.02)
+        played.append((at_ns, [door, corner] if n < 160 or n % 8 == 0 else [corner]))
+    engine = new_engine(scene := a_scene(quorum=1))
+    engine.wait_for_roster(scene.fusion.start_s)
+    records = recorded(scene, played, engine, short=True)
+    whys = [decode(JudgementMessage, r.payload).why or "" for r in records if r.key == f"{ROOT}/judgement"]
+    assert any(why.startswith(CONTESTED_REST) for why in whys)
+    result = judge_again(write(records, scene), ReplayChange())
+    assert result.rows and result.faithful and result.same == result.judgements == len(played)
 
 
 def test_a_forged_verdict_and_a_changed_vote_are_noticed(write, records):

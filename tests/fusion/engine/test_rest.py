@@ -10,7 +10,6 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from common.messages import PosteriorMessage
 from fusion.engine.explanation import CONTESTED_REST
 from fusion.engine.rest import RestPool, pooled_rest
 from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
@@ -56,9 +55,9 @@ def test_an_observer_that_sees_nobody_leaves_rest_to_the_others_and_silence_of_a
 
 
 def informed(information):
-    """A message that knows so much, 0 to 1: of two movements."""
+    """A posterior that knows so much, 0 to 1: of two movements."""
     top = 2.0 ** (information - 1.0)
-    return PosteriorMessage.model_construct(p=[top, 1.0 - top])
+    return np.array([top, 1.0 - top])
 
 
 def trusted(*courses, information=()):
@@ -70,8 +69,7 @@ def trusted(*courses, information=()):
     for step, sides in enumerate(zip(*courses, strict=True)):
         known = [int(course[step]) / 9 for course in information] + [0.0] * len(sides)
         posteriors = [
-            replace(aged_rest(n, float(s == "1"), float(s != "-")), message=informed(known[n]))
-            for n, s in enumerate(sides)
+            replace(aged_rest(n, float(s == "1"), float(s != "-")), p=informed(known[n])) for n, s in enumerate(sides)
         ]
         result = trust.update(posteriors, (step + 1) * STEP_NS)
     return result
@@ -120,14 +118,14 @@ def test_the_trust_of_two_that_contradict_each_other_is_the_bayes_factor_of_thei
     assert LEAST_TRUST < liar < 0.5
 
 
-def least_reliability(course, lag, every):
+def least_reliability(course, lag, every, others=PERSON):
     """Of an observer whose frames come `lag` steps late, one in `every`, beside two in time."""
     trust, least = RestTrust(), 1.0
     for step in range(len(course)):
         frame = max((step - lag) // every * every, 0)
         age_s = (step - frame) * STEP_NS / SECOND_NS
         late = replace(aged_rest(2, float(course[frame] == "1"), math.exp(-max(age_s - 0.2, 0.0) / 0.5)), age_s=age_s)
-        sides = [aged_rest(n, float(PERSON[step % len(PERSON)] == "1"), 1.0) for n in range(2)]
+        sides = [aged_rest(n, float(others[step % len(others)] == "1"), 1.0) for n in range(2)]
         trust.update([*sides, late], (step + 1) * STEP_NS)
         least = min(least, trust.reliability.get(late.observer, 1.0))
     return least
@@ -137,6 +135,14 @@ def least_reliability(course, lag, every):
 def test_an_observer_whose_frames_come_late_or_seldom_is_not_named_and_a_liar_is(lag, every):
     assert least_reliability(PERSON * 2, lag, every) > 0.8
     assert least_reliability(INVERTED * 2, lag, every) < 0.6
+
+
+@pytest.mark.parametrize("every", [1, 5, 10, 20], ids=["10 Hz", "2 Hz", "1 Hz", "0.5 Hz"])
+def test_one_that_does_not_blink_when_the_others_do_is_not_named(every):
+    moving = 10 * 14
+    blinks = "1" * 15 + ("0" * 12 + "11") * 10 + "1" * 15
+    assert least_reliability("1" * 15 + "0" * moving + "1" * 15, 0, every, blinks) > 0.8
+    assert least_reliability("1" * 2 * len(blinks), 0, every) < 0.6
 
 
 def test_one_that_flaps_makes_nobody_look_stuck():
