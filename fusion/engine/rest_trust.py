@@ -5,7 +5,8 @@ The design: fusion.md, "Who may say that the person rests".
 An observer that says rest is at least 1/2 is on the side of rest, else on the side of motion. It may be wrong, stuck or
 hostile. It loses trust if
 
-1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S);
+1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S), and more than OFTENER times as often as the
+   lower median of the others, all of which change sides often if the person moves in fits and starts;
 2. it has not changed sides while the others did; one that changes too often is no other. Any change of the others
    takes trust at once, since a wrong side does harm. Its reliability loses only by changes that it missed: those that
    lasted for so long that two of its own frames (STAYED_S) might have shown them;
@@ -37,7 +38,7 @@ SIGHTED = 0.2
 """The least freshness of an observer with which others are compared."""
 WINDOWS_S, CHANGES_LIMIT = (3.0, 12.0), (6, 16)
 """Observers of recorded people change sides up to eight times in three seconds, seldom more than six; 16 in twelve."""
-CHANGES_KEPT = 32
+OFTENER, CHANGES_KEPT = 1.5, 32
 STUCK_S, MISSED = 6.0, 4
 """An observer that changed sides before is stuck after so long, and so many changes of the others."""
 MET_S = 1.0
@@ -146,16 +147,18 @@ class _Witness:
         """How often it has changed sides."""
         return len(self.changed_ns) - bisect_right(self.changed_ns, since_ns)
 
-    def calmness(self, now_ns: int) -> float:
-        """1, or less if it changes sides too often (1)."""
+    def calmness(self, now_ns: int, others: Sequence["_Witness"] = ()) -> float:
+        """1, or less if it changes sides too often, also beside the others (1)."""
         fewest, longest_ns = CHANGES_LIMIT[0], round(WINDOWS_S[-1] * SECOND_NS)
         if len(self.changed_ns) <= fewest or self.changed_ns[-1 - fewest] <= now_ns - longest_ns:
             # The usual case: even the longest window holds no more than the shortest may.
             return 1.0
         calmness = 1.0
         for window_s, limit in zip(WINDOWS_S, CHANGES_LIMIT, strict=True):
-            changes = self.changes_since(now_ns - round(window_s * SECOND_NS))
-            calmness *= 1.0 if changes <= limit else (limit / changes) ** 3
+            since_ns = now_ns - round(window_s * SECOND_NS)
+            changes, theirs = self.changes_since(since_ns), sorted(other.changes_since(since_ns) for other in others)
+            most = max(limit, OFTENER * theirs[(len(theirs) - 1) // 2]) if theirs else limit
+            calmness *= 1.0 if changes <= most else (most / changes) ** 3
         return calmness
 
     def watch(self, name: str, other: "_Witness") -> None:
@@ -267,7 +270,7 @@ class RestTrust:
         if witness is None or not others:
             return 1.0, 1.0
         not_made, missed = witness.liveliness(others, now_ns)
-        trust = witness.calmness(now_ns) * (1.0 - _excess(witness.dissent))
+        trust = witness.calmness(now_ns, list(others.values())) * (1.0 - _excess(witness.dissent))
         if len(others) == 1:
             behind = max(next(iter(others.values())).evidence - witness.evidence, 0.0)
             trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))

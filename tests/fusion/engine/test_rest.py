@@ -145,6 +145,14 @@ def test_one_that_does_not_blink_when_the_others_do_is_not_named(every):
     assert least_reliability("1" * 2 * len(blinks), 0, every) < 0.6
 
 
+def test_who_moves_in_fits_and_starts_makes_nobody_look_wrong():
+    """All observers change sides three times a second, some oftener: it is the person."""
+    fits = "0001" * 60
+    assert min(trusted(fits, fits, "000100010111" * 20)) == 1.0
+    *honest, liar = trusted(fits, fits, "01" * 120)
+    assert min(honest) == 1.0 and liar < 0.5
+
+
 def test_one_that_flaps_makes_nobody_look_stuck():
     still = PERSON + "0" * 120
     honest, liar = trusted(still, "01" * (len(still) // 2))
