@@ -113,7 +113,7 @@ class Vote(MessagePart):
     its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
     ahead of ours, by which `age_s` is corrected; `reliability`: learned, and less while it contradicts itself;
     `rest_reliability`: that of `rest`, if doubted; `doubles`: correlated observers; `freshness`: what is left of a
-    stale opinion. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles` or `freshness`.
+    stale posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles` or `freshness`.
     """
 
     label: str | None

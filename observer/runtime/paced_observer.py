@@ -30,7 +30,7 @@ RESTING_RUNS = 4
 """While nothing changes, tracks are the mean of so many runs: the parts stay, only the tracker trembles."""
 HEARTBEAT, EMPTY_HEARTBEAT = 0.45, 0.2
 """Posteriors are repeated after this share of fresh_s, so that they stay fresh, and when nobody is there, after this
-share of drop_s: an observer that sees nobody has no opinion to keep fresh, and must only not seem dead."""
+share of drop_s: an observer that sees nobody has no posterior to keep fresh, and must only not seem dead."""
 
 
 @dataclass(frozen=True, slots=True)
