@@ -6,9 +6,9 @@ The design: fusion.md, "Several services" and "Many scenes".
    or, when the file names no standby services, by rendezvous hashing (Thaler and Ravishankar, 1998): each service has
    a weight in each scene, a hash of both names. A service that comes or goes moves only its own share of the scenes.
 2. One service owns the scene and publishes. The others stand by. In a shared scene only the next in rank listens.
-3. When the liveliness token of the owner disappears, the first of the others takes over at once. When the owner has
-   published nothing for `takeover_s`, the first of the others takes over too, and the silent service is left out of
-   the ranking until it publishes again. Each next service waits `takeover_s` longer.
+3. When the liveliness token of the owner disappears, the first of the others takes over LEFT_S later. When the owner
+   has published nothing for `takeover_s`, the first of the others takes over too, and the silent service is left out
+   of the ranking until it publishes again. Each next service waits `takeover_s` longer.
 4. In a shared scene the first in rank asks the owner to hand over. The owner answers with its state and is silent
    from then on. If the new owner does not publish within `takeover_s`, rule 3 applies. In a scene with named standby
    services an owner stays the owner until it stops, so that a service that crashes repeatedly does no harm.
@@ -31,6 +31,9 @@ from enum import Enum
 
 EPOCHS_AHEAD = 1_000_000
 """An epoch rises by one with each takeover; one that is higher by more is a forgery, and its successor may overflow."""
+
+LEFT_S = 0.03
+"""A lost connection takes the tokens of all others with it, a moment before it is known to be lost."""
 
 
 class Role(Enum):
@@ -70,7 +73,7 @@ class Ownership:
         self._silent: frozenset[str] = frozenset()
         self._has_met_others = self._was_owner = False
         self._silent_since_s = 0.0
-        self._resumed_s = self._disconnected_s = float("-inf")
+        self._resumed_s = self._disconnected_s = self._owner_left_s = float("-inf")
         self._updated_s: float | None = None
         self.role = Role.IDLE
         self.owner: str | None = None
@@ -87,8 +90,8 @@ class Ownership:
         self._has_met_others |= bool(present)
         self._silent &= present
         if self.owner in gone:
-            # Rule 3: the first of the others need not wait.
-            self.owner, self._silent_since_s = None, now_s - self._takeover_s
+            # Rule 3: the first of the others hardly waits.
+            self.owner, self._silent_since_s, self._owner_left_s = None, now_s - self._takeover_s, now_s
 
     def record_message(self, service: str, epoch: int, now_s: float) -> bool:
         """Take a message that another service published; returns whether that service is the owner to follow.
@@ -171,7 +174,7 @@ class Ownership:
             turn = 0 if self._was_owner else rank
             waits_s = self._takeover_s * (1 + turn) if self._others_may_exist(now_s) else 0.0
             self.role = Role.STANDBY
-            if connected() and silent_s >= waits_s:
+            if connected() and silent_s >= waits_s and now_s - self._owner_left_s >= LEFT_S:
                 self._become_owner()
         elif rank == 0 and not self._ranked:
             self.role = Role.REQUESTING
