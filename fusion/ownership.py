@@ -135,8 +135,10 @@ class Ownership:
         if self._ranked == (self._own,):
             self._become_owner()
         elif was_suspended and self._others_may_exist(now_s):
+            # One that stood by goes on waiting for the owner, which may have been suspended with it.
             self._was_owner = self.role is Role.OWNER
-            self.role, self.owner, self._silent_since_s = Role.STANDBY, None, now_s
+            self.owner = None if self._was_owner else self.owner
+            self.role, self._silent_since_s = Role.STANDBY, now_s
         elif self.role is not Role.OWNER:
             self._follow_rank(now_s, connected)
         return self.role

@@ -8,7 +8,8 @@ The design: fusion.md, "From belief to verdict", 2, 3 and 8.
 2. So a label that they had held for BEFORE_S when the movement began is decided CARRY_OVER_S after its begin at the
    earliest, or when the person comes to rest. The absence of all observers is no rest.
 3. A movement of the same label that begins within TAIL_S of the end of the previous one, and lasts for less than
-   CARRY_OVER_S, is its tail, and gets no verdict: an observer that took a turn for rest ended the movement too soon.
+   TAIL_LENGTH_S, is its tail, and gets no verdict: an observer that took a turn for rest, or has just started, ended
+   the movement too soon. A longer one is decided after that time.
 4. Any label of a movement that begins within BEFORE_S of the end of an outage is treated as in rule 2.
 """
 
@@ -21,6 +22,8 @@ CARRY_OVER_S = 0.6
 
 TAIL_S = 0.4
 """People rest for longer between two movements, or not at all; without a rest the same label has no end."""
+TAIL_LENGTH_S = 0.8
+"""In storms, tails lasted for up to 0.6 s."""
 
 
 class PreviousLabel:
@@ -60,9 +63,11 @@ class PreviousLabel:
 
     def is_carried_over(self, label: str, began_ns: int, at_ns: int) -> bool:
         """Whether at `at_ns` it is too soon to decide `label` for the movement that began at `began_ns`."""
-        is_previous = self._carries_over_any or label in (self._carried_over, self._tail)
+        if self.is_tail(label, began_ns, at_ns):
+            return True
+        is_previous = self._carries_over_any or label == self._carried_over
         return is_previous and at_ns - began_ns < CARRY_OVER_S * SECOND_NS
 
     def is_tail(self, label: str | None, began_ns: int, at_ns: int) -> bool:
         """Whether a movement from `began_ns` to `at_ns` is the tail of the movement before (rule 3)."""
-        return label is not None and label == self._tail and at_ns - began_ns < CARRY_OVER_S * SECOND_NS
+        return label is not None and label == self._tail and at_ns - began_ns < TAIL_LENGTH_S * SECOND_NS

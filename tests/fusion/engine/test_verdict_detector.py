@@ -84,7 +84,7 @@ CASES = {
     ),
     "3: and a whole movement is, which begins soon after": (
         (rest(2), sure(12), rest(6), sure(16), rest(9)),
-        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 32: ("bow", 20, 32, None), 39: ("bow", 20, 32, 36)},
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 36: ("bow", 20, 36, None), 39: ("bow", 20, 36, 36)},
     ),
     "3: also after a rest of 0.4 s": (
         (rest(2), sure(12), rest(8), sure(8), rest(9)),
