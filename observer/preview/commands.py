@@ -53,8 +53,7 @@ def look(
     from observer.geometry.views import parse_view
     from observer.preview.looking import LastReport, look_at
 
-    if output.suffix.lower() not in SUFFIXES:
-        raise BadInput(f"--output {output}: a name that ends in {', '.join(SUFFIXES)} is expected")
+    _require_picture_name(output)
     for path in (output, save_skin):
         _require_folder(path)
     last_report = LastReport()
@@ -157,6 +156,11 @@ def _box(text: str) -> tuple[int, int, int, int] | None:
     if len(numbers) != 4 or text.count(",") != 3 or not (numbers[2] and numbers[3]):
         raise BadInput(f"--face {text!r}: X,Y,WIDTH,HEIGHT in px is expected, e.g. --face 140,50,40,40")
     return numbers[0], numbers[1], numbers[2], numbers[3]
+
+
+def _require_picture_name(output: Path) -> None:
+    if output.suffix.lower() not in SUFFIXES:
+        raise BadInput(f"--output {output}: a name that ends in {', '.join(SUFFIXES)} is expected")
 
 
 def _require_folder(path: Path | None) -> None:
