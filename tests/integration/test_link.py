@@ -279,8 +279,9 @@ def test_a_flood_of_answers_to_a_polled_query_holds_up_nothing_else(fusion, peer
     flooding.publisher("x/posterior").put(b"after the answers")
     # Nobody polls: the session goes on all the same.
     assert set(payloads(inbox, 2)) == {b"judged", b"after the answers"}
-    session.poll()
-    assert 0 < len(answers) <= 256
+    # Answers and puts take ways of their own: on a busy machine the puts may be first.
+    assert until(lambda: session.poll() or answers)
+    assert len(answers) <= 256
 
 
 def test_of_a_flood_of_answers_a_listener_keeps_only_so_much(fusion, peer, monkeypatch):
