@@ -9,12 +9,14 @@
 
 import json
 import logging
+import math
 import os
 import socket
 import struct
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, wait
 from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
@@ -34,6 +36,9 @@ ROUTER_TIMEOUT_S = 5.0
 """How long a client looks for its router before it fails; a supervisor then restarts it."""
 CLOSE_TIMEOUT_S = 3.0
 """A session that cannot close (a callback of ours never returns) is left to the end of the process."""
+NOTICE_AFTER_S, NOTICE_PROBE_S, LOOK_S = 0.7, 0.5, 0.1
+"""A client that still looks for its router says so after the first; it examines the endpoint for the second, and looks
+for Ctrl-C that often."""
 ADMISSION_TIMEOUT_S = 3.0
 """A router answers an admitted client in a millisecond, and others never; this leaves time for a busy router."""
 LINGER_CHECK_S = 0.5
@@ -64,11 +69,12 @@ class Link(SubSession):
         timeout_s: float = ROUTER_TIMEOUT_S,
         process_id: str = "",
         scene: str = "",
+        stop: threading.Event | None = None,
     ) -> "Link":
         """Open a session for `role` in `mesh`; with `listen` the others connect to this session.
 
         process_id, scene: the id of the observer or fusion service, and its scene; a certificate of this machine must
-        be for them.
+        be for them. stop: set by Ctrl-C, which ends the search for a router by KeyboardInterrupt.
         Raises LabanmeshError, one line with the way out: endpoint in use, unusable, or no router within `timeout_s`.
         """
         if mesh.credentials:
@@ -76,7 +82,10 @@ class Link(SubSession):
         values = settings(mesh, role, listen, timeout_s)
         endpoint, mode = (listen or [mesh.endpoint])[0], str(values["mode"])
         try:
-            session = _session(zenoh.Config(), values)
+            if mode == "client":
+                session = _client_session(values, mesh, timeout_s, stop or threading.Event())
+            else:
+                session = _session(zenoh.Config(), values)
         except zenoh.ZError as error:
             raise LabanmeshError(_explain(mesh, str(error), endpoint)) from None
         log.debug("link open as %s, %s", mode, endpoint)
@@ -146,6 +155,42 @@ def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)
+
+
+def _client_session(
+    values: Mapping[str, Any], mesh: MeshConfig, timeout_s: float, stop: threading.Event
+) -> zenoh.Session:
+    """A client's session, opened in a thread, because Zenoh blocks until the router answers or `timeout_s` is over.
+
+    Says once what it waits for; raises ZError, and KeyboardInterrupt as soon as `stop` is set.
+    """
+    opening: Future[zenoh.Session] = Future()
+
+    def open_session() -> None:
+        try:
+            opening.set_result(_session(zenoh.Config(), values))
+        except BaseException as error:  # noqa: BLE001 - raised where it is waited for
+            opening.set_exception(error)
+
+    threading.Thread(target=open_session, daemon=True, name="link-open").start()
+    notice_s = time.monotonic() + NOTICE_AFTER_S
+    while not opening.done():
+        wait([opening], LOOK_S)
+        if stop.is_set():
+            raise KeyboardInterrupt
+        if time.monotonic() > notice_s:
+            notice_s = math.inf
+            _tell_of_search(mesh, timeout_s)
+    return opening.result()
+
+
+def _tell_of_search(mesh: MeshConfig, timeout_s: float) -> None:
+    """One line on what keeps this machine from its router; nothing if the router is only slow."""
+    from common.tls import endpoint_fault
+
+    fault = endpoint_fault(mesh, datetime.now(UTC), NOTICE_PROBE_S)
+    if fault is not None:
+        log.warning("%s; trying for %g s", fault, timeout_s)
 
 
 # The modules about certificates are slow to import, and needed only with certificates or to explain a failure.

@@ -50,7 +50,7 @@ def fuse(
     require_servable(configs, own, role, shared=shared)
     # A collection that looked through all loaded modules would delay a judgement by 30 ms.
     gc.freeze()
-    with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own) as link:
+    with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own, stop=stop) as link:
         serve(configs, own, link, stop, shared=shared)
 
 

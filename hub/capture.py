@@ -59,7 +59,7 @@ def capture(
     config = read_scene(scene)
     text = scene.read_text(encoding="utf-8")
     end_s = math.inf if for_s is None else time.monotonic() + for_s
-    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
+    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
         with CaptureWriter(output, config, text, time.time_ns()) as writer:
             summary = record(config, link, writer, lambda: not stop.is_set() and time.monotonic() < end_s)
         print(f"{output}: {summary}", flush=True)

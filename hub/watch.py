@@ -59,7 +59,7 @@ def watch(
     config = read_scene(scene)
     end_s = math.inf if for_s is None else time.monotonic() + for_s
     console, notice = Console(), StartNotice(config, scene)
-    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
+    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
         updates = _supervised(listen(config, link, lambda: not stop.is_set() and time.monotonic() < end_s))
         if as_json:
             show_json(notice.to_stderr(updates), config.hub.certainty)

@@ -61,7 +61,9 @@ def observe(
         taught = stack.enter_context(teachable(config, observer, inputs, begun, build))
         paced = _paced(config, observer, taught, inputs)
         shown = stack.enter_context(_with_preview(target, observer, paced, inputs))
-        link = stack.enter_context(Link.open(config.mesh, "observer", process_id=observer, scene=config.scene))
+        link = stack.enter_context(
+            Link.open(config.mesh, "observer", process_id=observer, scene=config.scene, stop=stop)
+        )
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
         answer_teachers(link, config, observer, taught)

@@ -97,7 +97,7 @@ def _serve(run: DashboardRun) -> None:
             return
         with (
             instrumented([scene], "dashboard") as instrumentation,
-            Link.open(scene.mesh, "hub", scene=scene.scene) as link,
+            Link.open(scene.mesh, "hub", scene=scene.scene, stop=stop) as link,
         ):
             serving.record = instrumentation.record
             print(f"http://{own.reachable}/ shows scene {scene.scene}", flush=True)

@@ -73,7 +73,7 @@ class MqttHub:
             for scene in self._scenes:
                 mesh = scene.mesh.model_dump_json()
                 if mesh not in links:
-                    links[mesh] = stack.enter_context(Link.open(scene.mesh, "hub"))
+                    links[mesh] = stack.enter_context(Link.open(scene.mesh, "hub", stop=self._stop))
                 listener = stack.enter_context(self._listener(scene, links[mesh]))
                 bridge, alive = bridge_of(scene, self._broker.bridge), scene.keys.hub_alive("mqtt")
                 self._served.append(_ServedScene(bridge, listener, links[mesh], alive))

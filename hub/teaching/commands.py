@@ -17,6 +17,7 @@ from common.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
     from common.config import Scene
+    from common.inbox import Presence
     from common.link import Link
     from hub.teaching.teaching_client import TeachingClient
     from hub.teaching.terminal import Terminal
@@ -117,13 +118,16 @@ def teach(options: TeachOptions) -> None:
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from common.link import Link
+    from hub.teaching.teaching_client import find_observers
 
     config = read_scene(options.scene)
     _require_teachable(config, options, options.labels or [])
     with ExitStack() as here:
-        with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
-            log = _started_here(options, config, link, stop, here)
-            _lesson(options, config, link, stop)
+        with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
+            presence = find_observers(config, link, stop)
+            log = _started_here(options, config, presence, stop, here)
+            present = _present(config, options.scene, presence)
+            _lesson(options, config, link, present, stop)
         if log is None:
             print("see it: labanmesh watch", options.scene)
             return
@@ -133,7 +137,9 @@ def teach(options: TeachOptions) -> None:
         watch(options.scene)
 
 
-def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threading.Event) -> None:
+def _lesson(
+    options: TeachOptions, config: "Scene", link: "Link", present: Sequence[str], stop: threading.Event
+) -> None:
     from common.teaching_messages import SOMEONE
     from hub.session import SceneListener
     from hub.teaching.lesson import Lesson, LessonPlan
@@ -145,7 +151,7 @@ def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threadin
         options.background_minutes * 60, options.seconds, options.countdown, options.add, options.test,
         options.alarm_minutes * 60, options.begin.value,
     )  # fmt: skip
-    client, present = TeachingClient(link, config.keys), _present(config, options.scene, link)
+    client = TeachingClient(link, config.keys)
     with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:
         if options.begin is BeginOption.KEY and not keyboard:
             raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
@@ -155,15 +161,13 @@ def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threadin
 
 
 def _started_here(
-    options: TeachOptions, config: "Scene", link: "Link", stop: threading.Event, here: ExitStack
+    options: TeachOptions, config: "Scene", presence: "Presence", stop: threading.Event, here: ExitStack
 ) -> Path | None:
     """Start the scene in `here` if nothing of it runs and the person wants it; the path of its log, None if not."""
     from hub.teaching.scene_here import scene_here
-    from hub.teaching.teaching_client import FIND_S
     from hub.teaching.terminal import agrees, wait
 
-    presence = link.presence(config.keys.observer_alive())
-    if presence.wait_for(len(config.roster), FIND_S) or presence.alive or config.mesh.mode != "machine":
+    if presence.alive or config.mesh.mode != "machine":
         return None
     if not (options.up or agrees(f"no observer of {config.scene} runs. Start them here, for the lesson?", stop)):
         return None
@@ -196,11 +200,11 @@ def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[s
         )
 
 
-def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
+def _present(scene: "Scene", file: Path, presence: "Presence") -> list[str]:
     """The observers of the scene file that run; raises LabanmeshError without any."""
-    from hub.teaching.teaching_client import running_observers
+    from hub.teaching.teaching_client import names_of
 
-    present = running_observers(scene, link)
+    present = names_of(presence, scene)
     if not present:
         raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file} (or teach with --up)")
     for name in scene.roster:

@@ -47,13 +47,13 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
     from common.teaching_messages import TeachRequest
     from hub.session import SceneListener
     from hub.teaching.participants import Participants
-    from hub.teaching.teaching_client import TeachingClient, running_observers
+    from hub.teaching.teaching_client import TeachingClient, find_observers, names_of
     from hub.teaching.terminal import Terminal
     from hub.teaching.wording import NO_RIGHT
 
     scene, teacher = read_scene(file), secrets.token_hex(8)
-    with stop_on_signals() as stop, Link.open(scene.mesh, "hub", scene=scene.scene) as link:
-        present = running_observers(scene, link)
+    with stop_on_signals() as stop, Link.open(scene.mesh, "hub", scene=scene.scene, stop=stop) as link:
+        present = names_of(find_observers(scene, link, stop), scene)
         if not present:
             raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
         with SceneListener(scene, link, lambda _: None) as listener:

@@ -1,6 +1,7 @@
 """All observers of a scene as a teacher asks them: one request to each at once, and their replies."""
 
 import threading
+import time
 from collections.abc import Collection
 from typing import TYPE_CHECKING
 
@@ -12,13 +13,14 @@ from hub.teaching.interface import Answers
 
 if TYPE_CHECKING:
     from common.config import Scene
+    from common.inbox import Presence
     from common.link import Link
 
 ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
 ATTEMPTS = 3
-FIND_S = 3.0
-"""Observers that run are found within milliseconds."""
+FIND_S, LOOK_S = 3.0, 0.1
+"""Observers that run are found within milliseconds; meanwhile Ctrl-C is looked for that often."""
 
 
 class TeachingClient:
@@ -59,9 +61,20 @@ class TeachingClient:
         return dict(replies)
 
 
-def running_observers(scene: "Scene", link: "Link") -> list[str]:
-    """The observers of the scene file that run, in its order; one that is missing is waited for, at most FIND_S."""
+def find_observers(scene: "Scene", link: "Link", stop: threading.Event) -> "Presence":
+    """Which observers of the scene file are alive; one that is missing is waited for, at most FIND_S.
+
+    Raises KeyboardInterrupt as soon as `stop` is set.
+    """
     presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
-    presence.wait_for(len(scene.roster), FIND_S)
+    end_s = time.monotonic() + FIND_S
+    while not presence.wait_for(len(scene.roster), LOOK_S) and time.monotonic() < end_s:
+        if stop.is_set():
+            raise KeyboardInterrupt
+    return presence
+
+
+def names_of(presence: "Presence", scene: "Scene") -> list[str]:
+    """The observers of the scene file that are alive, in its order."""
     names = {observer_of(key) for key in presence.alive}
     return [name for name in scene.roster if name in names]

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 from mesh_stage import Mesh
@@ -159,10 +160,13 @@ def test_clients_meet_at_a_router():
                 _ = observer.locator
 
 
-def no_router():
+def mesh_without_router():
     with Link.open(FREE, "fusion") as closed:
-        mesh = MeshConfig(mode="router", endpoint=closed.locator)
-    Link.open(mesh, "observer", timeout_s=0.1)
+        return MeshConfig(mode="router", endpoint=closed.locator)
+
+
+def no_router():
+    Link.open(mesh_without_router(), "observer", timeout_s=0.1)
 
 
 def endpoint_in_use():
@@ -191,6 +195,19 @@ def test_each_fault_of_a_link_is_one_line(fail, line):
     with pytest.raises(LabanmeshError, match=line) as caught:
         fail()
     assert "\n" not in str(caught.value) and ".cargo" not in str(caught.value)
+
+
+def test_a_client_says_what_it_waits_for_long_before_it_gives_up_and_ends_at_once_when_it_shall_stop(caplog):
+    class StopWhenSaid(threading.Event):
+        def is_set(self):
+            return "trying for" in caplog.text
+
+    begun_s = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        Link.open(mesh_without_router(), "hub", timeout_s=60, stop=StopWhenSaid())
+    assert time.monotonic() - begun_s < SOON_S
+    (line,) = caplog.messages
+    assert "no router answers there; start it with `labanmesh router`" in line and line.endswith("; trying for 60 s")
 
 
 def test_a_link_may_be_closed_twice_and_wakes_a_waiting_loop(fusion):

@@ -1,11 +1,14 @@
 """`labanmesh teach` before the lesson: who runs, who has pictures, what can be taught; one line says what to do."""
 
+import math
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from common.errors import BadInput, LabanmeshError
+from common.inbox import Presence
 from common.teaching_messages import TeachReply
 from hub.teaching import commands, teaching_client
 from hub.teaching.commands import TeachOptions
@@ -16,7 +19,6 @@ FILE = Path("scene.toml")
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch):
-    monkeypatch.setattr(teaching_client, "FIND_S", 0.0)
     monkeypatch.setattr(commands, "PICTURES_S", 0.0)
     monkeypatch.setattr(commands, "CAMERAS_S", 0.0)
 
@@ -27,10 +29,18 @@ def client(**pictures):
     return SimpleNamespace(ask=lambda request, observers: Answers(replies))
 
 
-def test_where_nobody_runs_one_line_says_so(scene, fake_link, capsys):
+def test_where_nobody_runs_one_line_says_so(scene, capsys):
     with pytest.raises(LabanmeshError, match=r"no observer of room runs; start them: labanmesh up scene\.toml"):
-        commands._present(scene, FILE, fake_link())
+        commands._present(scene, FILE, Presence())
     assert capsys.readouterr().out == "", "nobody is taught without them"
+
+
+def test_the_search_for_observers_ends_with_ctrl_c(scene, fake_link, monkeypatch):
+    monkeypatch.setattr(teaching_client, "FIND_S", math.inf)
+    stop = threading.Event()
+    stop.set()
+    with pytest.raises(KeyboardInterrupt):
+        teaching_client.find_observers(scene, fake_link(), stop)
 
 
 def test_a_lesson_does_not_wait_for_cameras_that_are_all_unplugged(capsys):
