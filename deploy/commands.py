@@ -19,7 +19,7 @@ from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.launcher import Job, Launcher, RestartPolicy
-from deploy.meeting import open_meeting
+from deploy.start_barrier import open_start_barrier
 
 START_TOGETHER_S = 2.0
 """Recordings begin this long after the launcher at the earliest: fusion and hubs run then. They begin when the last
@@ -66,16 +66,16 @@ def up(
         _set_after(for_s, stop),
         tempfile.TemporaryDirectory(prefix="labanmesh-") as folder,
     ):
-        meeting = open_meeting(Path(folder), config)
+        barrier = open_start_barrier(Path(folder), config)
         launcher = Launcher(
             with_ports(started, config.metrics.listen),
             environment={
                 "LABANMESH_PLAYBACK_START_NS": str(start_ns),
-                "LABANMESH_PLAYBACK_MEETING": str(meeting),
+                "LABANMESH_PLAYBACK_MEETING": str(barrier),
                 **_memory(config, Path(folder)),
             },
             policy=RestartPolicy(failures=FAILURES_WITH_AN_END if exit_when_done else None),
-            ended=lambda name: (meeting / f"{name}.awaited").unlink(missing_ok=True),
+            ended=lambda name: (barrier / f"{name}.awaited").unlink(missing_ok=True),
         )
         status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)
     if status:

@@ -105,6 +105,11 @@ class ObservedFold:
     courses: Sequence[FoldCourses]
     n_train: int
 
+    @property
+    def stream_courses(self) -> list[tuple[Recording, list[OutputCourse]]]:
+        """Each stream with what every observer outputs about it."""
+        return [(stream, [each.streams[n] for each in self.courses]) for n, stream in enumerate(self.streams)]
+
 
 def observe_folds(
     archive: MotionArchive,

@@ -1,6 +1,6 @@
 """Judging continuous streams: the observers' outputs through the fusion engine, frame by frame."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -47,7 +47,7 @@ def judge_observed(
     """Judge the streams that were observed."""
     config = fusion_of(settings)
     configs = [config, *(config.model_copy(update={"threshold": t}) for t in THRESHOLDS if settings.unlearned)]
-    parts = [(stream, courses) for fold in folds for stream, courses in _courses_of(fold)]
+    parts = [part for fold in folds for part in fold.stream_courses]
     judge = partial(_judged, vocabulary=Vocabulary(settings.labels), configs=configs)
     results = run_parts(judge, parts, jobs, lambda done, total: progress("judging streams", done, total))
     other = [n >= len(fold.streams) - fold.other_motion for fold in folds for n in range(len(fold.streams))]
@@ -60,26 +60,12 @@ def judge_observed(
     return StreamResult(settings.labels, tuple(result[0] for result in chosen), others, by_threshold)
 
 
-def _courses_of(fold: ObservedFold) -> Iterator[tuple[Recording, list[OutputCourse]]]:
-    for n, stream in enumerate(fold.streams):
-        yield stream, [courses.streams[n] for courses in fold.courses]
-
-
 def _judged(
     part: tuple[Recording, Sequence[OutputCourse]], vocabulary: Vocabulary, configs: Sequence[FusionConfig]
 ) -> list[JudgedStream]:
     """One stream, judged by each fusion service."""
     observed = observed_stream(*part, vocabulary)
     return [JudgedStream(observed.recording, verdicts_in(observed, config)) for config in configs]
-
-
-def observed_streams(
-    archive: MotionArchive, settings: EvaluationSettings, progress: Progress = lambda *_: None
-) -> Iterator[ObservedStream]:
-    """The observers' messages about each stream; see judge_streams."""
-    for fold in observe_folds(archive, settings, Extent(trials=False, streams=True), progress):
-        for stream, courses in _courses_of(fold):
-            yield observed_stream(stream, courses, Vocabulary(settings.labels))
 
 
 def observed_stream(recording: Recording, courses: Sequence[OutputCourse], vocabulary: Vocabulary) -> ObservedStream:

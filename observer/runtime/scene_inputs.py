@@ -26,8 +26,8 @@ from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.playback import RecordedMotion, Start
-from observer.runtime.playback_meeting import MEETING, PlaybackMeeting
 from observer.runtime.prepared_tracker import PreparedTracker
+from observer.runtime.start_barrier import BARRIER, StartBarrier
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
 from observer.tracks import BODY_PARTS, Frame, FrameSource
 
@@ -237,8 +237,8 @@ def _select(archive: MotionArchive, which: int | Literal["all"], key: str, path:
 
 
 def _start(environment: Mapping[str, str], observer: str) -> Start:
-    start_ns, folder = _start_ns(environment.get(PLAYBACK_START)), environment.get(MEETING)
-    return PlaybackMeeting(Path(folder), observer, start_ns or 0) if folder else start_ns
+    start_ns, folder = _start_ns(environment.get(PLAYBACK_START)), environment.get(BARRIER)
+    return StartBarrier(Path(folder), observer, start_ns or 0) if folder else start_ns
 
 
 def _start_ns(text: str | None) -> int | None:

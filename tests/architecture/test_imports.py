@@ -60,11 +60,11 @@ IMPURE = {
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
-        "deploy.doctor.machine deploy.doctor.scene_file deploy.meeting "
+        "deploy.doctor.machine deploy.doctor.scene_file deploy.start_barrier "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
-        "observer.runtime.preflight observer.runtime.playback_meeting "
+        "observer.runtime.preflight observer.runtime.start_barrier "
         "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.report "
         "studies.run_evaluation"
     ),

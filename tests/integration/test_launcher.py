@@ -14,7 +14,7 @@ from common.config import read_scene
 from common.errors import LabanmeshError
 from deploy.commands import jobs, require_free_ports, up
 from deploy.launcher import Job, Launcher, RestartPolicy
-from deploy.meeting import open_meeting
+from deploy.start_barrier import open_start_barrier
 
 QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
 LASTING = "import time; print('ready', flush=True); time.sleep(600)"
@@ -191,8 +191,8 @@ def test_recordings_that_are_played_in_real_time_are_awaited(tmp_path):
         'sent]\nsource = "-"',
     )
     more = "".join(f"[observers.{other}\n" for other in others)
-    meeting = open_meeting(tmp_path, read_scene(write_scene(tmp_path, 'mode = "machine"', more), {}))
-    assert {path.name for path in meeting.iterdir()} == {"cam1.awaited", "cam2.awaited"}
+    barrier = open_start_barrier(tmp_path, read_scene(write_scene(tmp_path, 'mode = "machine"', more), {}))
+    assert {path.name for path in barrier.iterdir()} == {"cam1.awaited", "cam2.awaited"}
 
 
 @pytest.mark.parametrize(

@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from common.config_sections import FusionConfig
+from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
 from observer.runtime.pipeline import Posterior, SendOnChange
 from studies.evaluate import EvaluationSettings
 from studies.fusion_engine import FusionEngine, step
+from studies.observing import Extent, observe_folds
 from studies.performer import perform
-from studies.stream import observed_streams
+from studies.stream import observed_stream
 
 CONFIG = FusionConfig(quorum=1)
 STEP_NS = 1e9 / CONFIG.step_hz
@@ -45,7 +47,9 @@ def test_verdicts_are_the_same_within_a_step_with_less_sent(model, share):
     settings = EvaluationSettings(
         views, labels_of(archive)[:6], **people, model=model, onset_known=False, calibrated=False
     )
-    for stream in observed_streams(archive, settings):
+    (fold,) = observe_folds(archive, settings, Extent(trials=False, streams=True))
+    vocabulary = Vocabulary(settings.labels)
+    for stream in [observed_stream(*part, vocabulary) for part in fold.stream_courses]:
         whole, all_count, _ = judged(stream, None)
         reduced, count, states = judged(stream, {name: SendOnChange(CONFIG.fresh_s / 2) for name in stream.messages[0]})
         assert count < share * all_count and states == {"counted"}

@@ -188,6 +188,9 @@ def test_rule_3_a_movement_is_revised_a_few_times_at_most():
     parts = [part for label in ("bow", "lunge") * 5 for part in (sure(3, label), sure_at_rest(1, label))]
     labels = [label for label, *_ in decisions(*parts[:8], config=config).values()]
     assert labels[:4] == ["bow", "bow>lunge", "lunge>bow", "bow>lunge"] and REVISIONS_LIMIT == 3
+    # Without rest, too: each of the first three was revised as the person came to rest.
+    labels = [label for label, *_ in decisions(*parts[:8], sure(30), config=config).values()]
+    assert labels == ["bow", "bow>lunge", "lunge>bow", "bow>lunge"]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Recordings of a scene begin together, when the last of its observers is ready: a folder in which they meet.
+"""Recordings of a scene begin together, when the last of its observers is ready: a start barrier in a folder.
 
 `labanmesh up` names the folder and puts a file ID.awaited into it for each observer that plays a recording, and takes
 that away when the process has failed. An observer that has loaded its model and tracker writes ID.ready with the time,
@@ -19,7 +19,7 @@ from common.text import plural
 
 log = logging.getLogger("labanmesh.observer")
 
-MEETING = "LABANMESH_PLAYBACK_MEETING"
+BARRIER = "LABANMESH_PLAYBACK_MEETING"
 """Environment variable: the folder."""
 AHEAD_S = 0.3
 """From the moment at which the last one is ready to the begin: all others have noticed it by then."""
@@ -30,7 +30,7 @@ BEGIN = "begin"
 
 
 @dataclass(frozen=True, slots=True)
-class PlaybackMeeting:
+class StartBarrier:
     """Called by the source of `observer` when it is ready: waits, and returns the begin (Unix epoch, ns).
 
     earliest_ns: the recordings do not begin before.
