@@ -20,6 +20,8 @@ from fusion.server import SteadyClock, serve
 
 PATIENT_S = 2.0
 """A service in a thread of a busy machine may be silent for so long; one whose token is gone is succeeded at once."""
+HELD_S = 0.12
+"""A little longer than hold_s of the scene; labels held for as long within 0.3 s of a begin are of one movement."""
 HOUR_NS = 3600 * SECOND_NS
 REST, BOWING, LUNGING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05), ([0.02, 0.98], 0.05)
 
@@ -34,10 +36,27 @@ def scene(tmp_path):
     return read_scene(tmp_path / "s.toml", {})
 
 
+class ManualClock:
+    """Unix epoch in ns that stands still until the test lets time pass: between two messages goes by a microsecond."""
+
+    def __init__(self):
+        self._now_ns, self._lock = time.time_ns(), threading.Lock()
+
+    def __call__(self):
+        return self.advance(1e-6)
+
+    def advance(self, seconds):
+        """Let time pass; the time then."""
+        with self._lock:
+            self._now_ns += round(seconds * SECOND_NS)
+            return self._now_ns
+
+
 class Stage:
     """Fusion services that can be ended one by one, one observer, and a hub.
 
     state: what the observer publishes, p and rest. same_ids: the services that ended because another has their id.
+    now_ns: the clock of all, which a test may replace.
     """
 
     def __init__(self, mesh, scene):
@@ -46,7 +65,7 @@ class Stage:
         self.observer, self.hub = mesh.peer("observer"), mesh.peer("hub")
         self.publisher = self.observer.publisher(self.keys.posterior("cam1"))
         self._judgements, self._verdicts = self.hub.inbox(self.keys.judgement), self.hub.inbox(self.keys.verdict)
-        self.seq, self.skew_ns, self.state = 0, 0, REST
+        self.seq, self.skew_ns, self.state, self.now_ns = 0, 0, REST, time.time_ns
 
     def begin(self, service, own="", steady=False, takeover_s=None):
         """Start one more fusion service. takeover_s: its own, by default the scene's."""
@@ -59,7 +78,7 @@ class Stage:
 
         def clock():
             ticking.wait()
-            return time.time_ns()
+            return self.now_ns()
 
         def body(stop):
             try:
@@ -86,7 +105,7 @@ class Stage:
     def _publish(self, stop):
         while not stop.wait(0.02):
             p, rest = self.state
-            now_ns = time.time_ns() + self.skew_ns
+            now_ns = self.now_ns() + self.skew_ns
             self.publisher.put(posterior(seq=self.seq, captured_ns=now_ns, sent_ns=now_ns, p=p, rest=rest))
             self.seq += 1
 
@@ -109,6 +128,11 @@ class Stage:
 
     def verdicts(self, fits=lambda verdict: True):
         return up_to(self._verdicts, VerdictMessage, fits)
+
+    def show(self, state, label):
+        """The observer sees this from now on, and the services judge it so."""
+        self.state = state
+        self.judgement(lambda j: j.label == label and max(j.p) > self.scene.fusion.threshold)
 
     def decide(self):
         """The observer sees bowing; the verdict on it."""
@@ -168,16 +192,19 @@ def test_a_listener_learns_why_a_movement_has_no_verdict_and_why_it_never_got_on
 
 def test_a_revision_is_one_message_and_survives_a_change_of_leader(stage, caplog):
     caplog.set_level("INFO", "labanmesh.fusion")
-    fusion = stage.scene.fusion.model_copy(update={"hold_s": 0.4})
-    stage.scene = stage.scene.model_copy(update={"fusion": fusion})
     stage.play("a", "b")
-    decided = stage.decide()
-    stage.state = LUNGING
-    since_ns = stage.judgement(lambda j: j.label == "lunging").at_ns
-    stage.judgement(lambda j: j.at_ns > since_ns + 0.5 * SECOND_NS)
+    clock = stage.now_ns = ManualClock()
+    stage.show(BOWING, "bowing")
+    clock.advance(HELD_S)
+    decided = stage.verdicts()[-1]
+    stage.show(LUNGING, "lunging")
+    held_ns = clock.advance(HELD_S)
+    stage.judgement(lambda j: j.at_ns > held_ns)
     stage.state = LUNGING[0], REST[1]
     revised = stage.verdicts()[-1]
     stage.end("a")
+    stage.judgement(lambda j: j.fusion == "b" and j.votes["cam1"].rest > 0.5)
+    clock.advance(HELD_S)
     words = stage.verdicts(lambda v: v.stage == "ended")
     stage.judgement(lambda j: j.fusion == "b" and j.movement is None)
     assert [(v.fusion, v.stage, v.label, v.revises, v.id) for v in (decided, revised, *words)] == [
