@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import zenoh
 
@@ -28,6 +28,15 @@ ANSWERS_BYTES = 16 << 20
 """Of the answers to a query of a listener so many bytes are kept: more than a thousand processes answer."""
 RING = 256
 """Samples or queries in each ring of a polled sub-session."""
+
+
+Priority = Literal["high", "normal", "low"]
+"""high: rare messages that must arrive. low: whatever else waits is sent first."""
+ZENOH_PRIORITY: dict[Priority, zenoh.Priority] = {
+    "high": zenoh.Priority.DATA_HIGH,
+    "normal": zenoh.Priority.DATA,
+    "low": zenoh.Priority.BACKGROUND,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +135,9 @@ class SubSession:
                 self._queries.remove(query)
                 query.finished()
 
-    def publisher(self, key: str, *, background: bool = False) -> Publisher:
-        """A publisher under `key`. background: whatever else waits on a slow line is sent first."""
-        priority = zenoh.Priority.BACKGROUND if background else zenoh.Priority.DATA
-        publisher = self._session.declare_publisher(key, encoding=ENCODING, priority=priority)
+    def publisher(self, key: str, *, priority: Priority = "normal") -> Publisher:
+        """A publisher under `key`. On a slow line Zenoh sends, and drops, the messages of each priority apart."""
+        publisher = self._session.declare_publisher(key, encoding=ENCODING, priority=ZENOH_PRIORITY[priority])
         self._declared.append(publisher)
         return Publisher(publisher)
 

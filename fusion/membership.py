@@ -64,7 +64,6 @@ class SceneMember:
             self._session, scene.keys.fusion_status(service.own), self.status, service.clock,
             supervisor=service.supervisor,
         )  # fmt: skip
-        self._session.announce(scene.keys.fusion_alive(service.own))
         self._services = self._session.presence(scene.keys.fusion_alive(), map(scene.keys.fusion_alive, scene.services))
         detector = SameIdDetector(service.session, service.ticks(), takeover_s)
         self._same_id, self._id_is_shared = SameIdWatch(self._session, scene.keys, service.own, detector), False
@@ -80,6 +79,13 @@ class SceneMember:
     def role(self) -> Role:
         """What this service does for the scene now."""
         return self.ownership.role
+
+    def join(self) -> None:
+        """Announce this service; those that are known now were there before it (rule 8 of ownership.py)."""
+        self._session.poll()
+        self._alive = self._services.alive
+        self.ownership.set_alive(map(service_of, self._alive), self._service.ticks())
+        self._session.announce(self.scene.keys.fusion_alive(self._service.own))
 
     def update(self) -> SceneWorker | None:
         """Take what other services have published, follow the role that results, and return the worker, if any."""

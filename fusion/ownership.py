@@ -21,6 +21,8 @@ The design: fusion.md, "Several services" and "Many scenes".
 7. A service that took no step for `takeover_s` (SIGSTOP, swapped out) listens for as long before it publishes again,
    because another service may be the owner by now. A service that knows of no other one goes on at once. One that
    stands by waits twice as long for the owner, which may have been stopped too, and then goes on whatever its rank.
+8. In a shared scene a service whose token appears after this one has started owns nothing yet. If all others started
+   later, this one listens for START_S only, as when all services were restarted together.
 
 Times are seconds of a monotonic clock.
 """
@@ -34,6 +36,8 @@ EPOCHS_AHEAD = 1_000_000
 
 LEFT_S = 0.03
 """A lost connection takes the tokens of all others with it, a moment before it is known to be lost."""
+START_S = 0.5
+"""An owner is heard several times meanwhile, unless it is suspended, and then its token was there before."""
 
 
 class Role(Enum):
@@ -70,6 +74,7 @@ class Ownership:
     def __init__(self, own: str, scene: str, ranked: tuple[str, ...], takeover_s: float) -> None:
         self._own, self._scene, self._ranked, self._takeover_s = own, scene, ranked, takeover_s
         self._others: frozenset[str] = frozenset()
+        self._older: frozenset[str] | None = None
         self._silent: frozenset[str] = frozenset()
         self._has_met_others = self._was_owner = False
         self._silent_since_s = 0.0
@@ -88,6 +93,9 @@ class Ownership:
             present &= frozenset(self._ranked)
         gone, self._others = self._others - present, present
         self._has_met_others |= bool(present)
+        # Tokens come back in any order after a lost connection (rule 6).
+        has_reconnected = now_s - self._disconnected_s < self._takeover_s
+        self._older = present if self._older is None or has_reconnected else self._older & present
         self._silent &= present
         if self.owner in gone:
             # Rule 3: the first of the others hardly waits.
@@ -174,7 +182,7 @@ class Ownership:
         elif self.owner is None:
             # An owner that was suspended goes on first, whatever its rank (rule 7).
             turn = 0 if self._was_owner else rank
-            waits_s = self._takeover_s * (1 + turn) if self._others_may_exist(now_s) else 0.0
+            waits_s = self._listens_s(now_s) * (1 + turn)
             self.role = Role.STANDBY
             if connected() and silent_s >= waits_s and now_s - self._owner_left_s >= LEFT_S:
                 self._become_owner()
@@ -182,6 +190,13 @@ class Ownership:
             self.role = Role.REQUESTING
         else:
             self.role = Role.STANDBY
+
+    def _listens_s(self, now_s: float) -> float:
+        """How long the first in rank listens for an owner before it becomes the owner."""
+        if not self._others_may_exist(now_s):
+            return 0.0
+        all_started_later = self._others and not self._older and not self._ranked
+        return min(START_S, self._takeover_s) if all_started_later else self._takeover_s
 
     def _has_just_resumed(self, now_s: float) -> bool:
         """Whether this process was suspended lately (rule 7), for some takeover times."""

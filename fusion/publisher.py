@@ -19,14 +19,16 @@ VERDICTS_LIMIT = 10
 """Late joiners receive this many of the last verdicts."""
 DETECTION_S = 0.5
 """A link may have been down for so long before this process noticed; what it sent meanwhile may be lost."""
+SILENCE_S = 0.6
+"""A router that is frozen for so long drops messages; a posterior of the slowest observer comes after 0.5 s."""
 RECONNECTION_S = 0.3
 """So long after a router is back, all processes that try to reconnect have done so."""
 FULL_VOTES_AT_START = 20
 """Judgements published with full votes in any case: subscribers are known only a moment after the start."""
 ASK_EVERY = 30
 """Judgements between two questions to Zenoh whether full votes have a subscriber: 70 us among 250 busy scenes."""
-PUBLISHED_IDS_LIMIT = 64
-"""Movements that are remembered to have had a verdict."""
+PUBLISHED_LIMIT = 128
+"""Verdicts that are remembered to have been published."""
 
 
 def put_now(publisher: Publisher, payload: bytes) -> None:
@@ -71,32 +73,36 @@ class VerdictPublisher:
         self._judgements, self._votes = session.publisher(keys.judgement), session.publisher(keys.votes)
         self._full_votes, self._put = full_votes, put
         self._judgement_count, self._has_votes_subscriber = 0, False
-        self._verdicts = session.publisher(keys.verdict)
+        # They wait in a queue of their own: a router that is frozen for a moment drops judgements, but no verdict.
+        self._verdicts = session.publisher(keys.verdict, priority="high")
         self._vocabularies = session.publisher(keys.vocabulary)
         self._engine, self._file = engine, file
         self._last_judgement: JudgementMessage | None = None
         self._last_verdict: VerdictMessage | None = None
         self._judgement_payload: bytes | None = None
         self._verdict_payloads: tuple[bytes, ...] = ()
-        self._published_ids: deque[str] = deque(maxlen=PUBLISHED_IDS_LIMIT)
+        self._published: deque[tuple[str, str, int]] = deque(maxlen=PUBLISHED_LIMIT)
+        self._sent: deque[tuple[float, str, bytes]] = deque(maxlen=VERDICTS_LIMIT)
         self.answers = False
         """Whether queries are answered: by the owner alone."""
         session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
         session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
 
-    def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage) -> None:
+    def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage, now_s: float) -> None:
         """Send the verdicts, then the judgement; before that with full votes, if they have a subscriber.
+
+        now_s: seconds of a monotonic clock.
 
         A decision is written to the file before it is sent, and an end after: a service that is killed in between ends
         the movement after its restart, perhaps once more, and hubs ignore the second of two equal verdicts.
         """
         ended = max((n for n, verdict in enumerate(verdicts, 1) if verdict.ended_ns is not None), default=0)
         payloads = [self._note(verdict) for verdict in verdicts]
-        self._send(verdicts[:ended], payloads[:ended])
+        self._send(verdicts[:ended], payloads[:ended], now_s)
         judgement_payload, has_decision = self._note(judgement), len(verdicts) > ended
         if has_decision:
             self._write()
-        self._send(verdicts[ended:], payloads[ended:])
+        self._send(verdicts[ended:], payloads[ended:], now_s)
         self._put_full_votes(judgement)
         self._put(self._judgements, judgement_payload)
         if not has_decision:
@@ -110,9 +116,10 @@ class VerdictPublisher:
             self._votes.put(encode(judgement, full=True))
         self._judgement_count += 1
 
-    def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes]) -> None:
+    def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes], now_s: float) -> None:
         for verdict, payload in zip(verdicts, payloads, strict=True):
             self._verdicts.put(payload)
+            self._sent.append((now_s, verdict.id, payload))
             _log(verdict)
 
     def close(self, verdict: VerdictMessage) -> None:
@@ -120,11 +127,9 @@ class VerdictPublisher:
         self._verdicts.put(encode(verdict))
         _log(verdict)
 
-    def change_vocabulary(self, verdicts: Sequence[VerdictMessage], vocabulary: bytes) -> None:
+    def change_vocabulary(self, verdicts: Sequence[VerdictMessage], vocabulary: bytes, now_s: float) -> None:
         """Send the last verdicts in the old vocabulary, then the new one as an encoded message."""
-        for verdict in verdicts:
-            self._verdicts.put(self._note(verdict))
-            _log(verdict)
+        self._send(verdicts, [self._note(verdict) for verdict in verdicts], now_s)
         self._vocabularies.put(vocabulary)
 
     def remember(self, message: JudgementMessage) -> None:
@@ -138,7 +143,7 @@ class VerdictPublisher:
         if isinstance(message, VerdictMessage):
             self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_LIMIT:]
             self._last_verdict = message
-            self._published_ids.append(message.id)
+            self._published.append((message.id, message.fusion, message.seq))
             return payload
         self._last_judgement, self._judgement_payload = message, payload
         return payload
@@ -151,7 +156,11 @@ class VerdictPublisher:
 
     def knows(self, movement_id: str) -> bool:
         """Whether a verdict on this movement was published lately, by this service or an owner that it followed."""
-        return movement_id in self._published_ids
+        return any(movement_id == known for known, _, _ in self._published)
+
+    def has_published(self, verdict: VerdictMessage) -> bool:
+        """Whether `verdict` is one of the last ones, sent again by this service or an owner that it followed."""
+        return (verdict.id, verdict.fusion, verdict.seq) in self._published
 
     @property
     def unfinished(self) -> VerdictMessage | None:
@@ -168,9 +177,10 @@ class VerdictPublisher:
         if judgement is not None:
             self._judgements.put(judgement)
 
-    def repeat_verdict(self) -> None:
-        """Send the last verdict once more; listeners ignore the second of two equal verdicts."""
-        for payload in self._verdict_payloads[-1:]:
+    def repeat_verdicts(self, since_s: float) -> None:
+        """Send again what was sent since then, of each movement the last; listeners ignore the second of two equal."""
+        last = {movement_id: payload for sent_s, movement_id, payload in self._sent if sent_s >= since_s}
+        for payload in last.values():
             self._verdicts.put(payload)
 
     @property
@@ -198,27 +208,38 @@ class VerdictPublisher:
 class Reachability:
     """Whether listeners receive what is published now: not while the link is down, nor for RECONNECTION_S after.
 
-    Zenoh drops messages without a connection. Listeners reconnect within the pauses between their attempts. Times are
-    seconds of a monotonic clock.
+    Zenoh drops messages without a connection, and when a router is frozen. Listeners reconnect within the pauses
+    between their attempts. Times are seconds of a monotonic clock.
     """
 
     def __init__(self) -> None:
         self._last_down_s: float | None = None
-        self._down_since_s = self._lost_from_s = float("inf")
+        self._heard_s = float("inf")
+        self._gap_from_s, self._gap_until_s = float("inf"), float("-inf")
 
-    def update(self, connected: bool, now_s: float) -> bool:
-        """Take whether the link is connected, at every step; returns whether listeners can be reached."""
+    def update(self, connected: bool, heard_s: float, now_s: float) -> bool:
+        """Take whether the link is connected, and when a posterior was received last, at every step; returns whether
+        listeners can be reached."""
+        if heard_s - self._heard_s >= SILENCE_S:
+            # The link may have been lost and opened again between two steps, or the router frozen.
+            self._record_gap(self._heard_s, heard_s)
+        self._heard_s = heard_s
         if not connected:
-            self._down_since_s = now_s if self._last_down_s is None else self._down_since_s
+            self._record_gap(now_s, now_s)
             self._last_down_s = now_s
         elif self._last_down_s is not None and now_s - self._last_down_s >= RECONNECTION_S:
-            self._last_down_s, self._lost_from_s = None, self._down_since_s - DETECTION_S
+            self._last_down_s = None
         return self._last_down_s is None
 
-    def was_lost(self, sent_s: float) -> bool:
-        """Whether what was sent then may not have arrived; True once after each time without a connection."""
-        from_s, self._lost_from_s = self._lost_from_s, float("inf")
-        return sent_s >= from_s
+    def lost_from(self, now_s: float) -> float:
+        """Since when what was sent may not have arrived, once after each gap; infinite: everything arrived."""
+        if now_s - self._gap_until_s < RECONNECTION_S:
+            return float("inf")
+        from_s, self._gap_from_s = self._gap_from_s, float("inf")
+        return from_s - DETECTION_S
+
+    def _record_gap(self, from_s: float, until_s: float) -> None:
+        self._gap_from_s, self._gap_until_s = min(from_s, self._gap_from_s), until_s
 
 
 def _log(verdict: VerdictMessage) -> None:

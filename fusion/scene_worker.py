@@ -112,7 +112,7 @@ class SceneWorker:
         self._withheld: list[VerdictMessage] = []
         self._unreconciled: UnreconciledMovement | None = None
         self._last_judgement_payload: bytes | None = None
-        self._received_s, self._sent_s = service.ticks(), float("-inf")
+        self._received_s = service.ticks()
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
@@ -163,8 +163,7 @@ class SceneWorker:
         if not self.owns or not self._can_publish():
             return StepResult(output)
         published, self._withheld = self._withheld, []
-        self._sent_s = self._ticks() if published else self._sent_s
-        self._publisher.publish(published, output.judgement)
+        self._publisher.publish(published, output.judgement, self._ticks())
         self._log_waiting(output.judgement)
         return StepResult(output, published)
 
@@ -179,7 +178,10 @@ class SceneWorker:
         """Whether to publish now: while the router is away, verdicts wait, and judgements with them."""
         if self._scene.mesh.mode != "router":
             return True
-        return self._reachable.update(self._link.connected, self._ticks()) or not self._withheld
+        return self._is_reachable() or not self._withheld
+
+    def _is_reachable(self) -> bool:
+        return self._reachable.update(self._link.connected, self._received_s, self._ticks())
 
     def is_receiving(self, now_s: float) -> bool:
         """Whether posteriors arrive, or no observer is present."""
@@ -193,13 +195,11 @@ class SceneWorker:
             self._last_judgement_payload = self._publisher.judgement_payload
 
     def reconcile(self) -> bool:
-        """Publish the end of the movement in which this service stood down, once it is due, and a verdict that was lost
-        with the link (reconciliation.py). Returns whether nothing is left to publish; to be called at every step.
+        """Publish the end of the movement in which this service stood down, once it is due, and verdicts that may be
+        lost (reconciliation.py). Returns whether nothing is left to publish; to be called at every step.
         """
-        is_router = self._scene.mesh.mode == "router"
-        is_reachable = not is_router or self._reachable.update(self._link.connected, self._ticks())
-        if self._reachable.was_lost(self._sent_s):
-            self._publisher.repeat_verdict()
+        is_reachable = self._scene.mesh.mode != "router" or self._is_reachable()
+        self._publisher.repeat_verdicts(self._reachable.lost_from(self._ticks()))
         if self._unreconciled is None:
             return is_reachable
         now_ns = self._clock()
@@ -231,7 +231,7 @@ class SceneWorker:
         ended = self._engine.change_vocabulary(vocabulary, self._clock())
         self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary)
         if self.owns:
-            self._publisher.change_vocabulary([*self._withheld, *ended], self._vocabulary)
+            self._publisher.change_vocabulary([*self._withheld, *ended], self._vocabulary, self._ticks())
         self._withheld.clear()
         log.info("%s: new vocabulary: %s", self._scene.scene, ", ".join(vocabulary.labels))
 
@@ -249,6 +249,9 @@ class SceneWorker:
         self._withheld.clear()
         if self._unreconciled is not None:
             self._unreconciled.record_message(message)
+        if isinstance(message, VerdictMessage) and self._publisher.has_published(message):
+            # The owner repeats it, because it may have been lost: another movement may be in progress.
+            return
         self._engine.continue_from(message)
         self._publisher.remember(message)
         self.restored = True

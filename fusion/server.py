@@ -42,6 +42,8 @@ FRAME_SET_NS = 2_000_000
 """Posteriors that arrive within this time are one frame set."""
 FRAME_SET_WAIT_S = 0.0003
 """The first of a frame set waits for the others at most this long."""
+FIND_S = 0.03
+"""After it has subscribed to their tokens, a service knows in this time which others were there before it."""
 SETTLE_S = 0.3
 """After opening a link it takes at most this long to know which services are alive."""
 ASK_CLOCKS_S = 60.0
@@ -76,6 +78,9 @@ def serve(
         with instrumented(server.members, own) as record:
             supervisor.ready()
             log.info("serving %s as %s", ", ".join(scene.scene for scene in scenes[:5]), own)
+            if shared and stop.wait(FIND_S):
+                return
+            server.join()
             if shared and stop.wait(SETTLE_S):
                 return
             while not stop.is_set():
@@ -135,6 +140,11 @@ class FusionServer:
     def dropped(self) -> int:
         """Posteriors that were left out since the start because the inbox was full."""
         return self._inbox.dropped
+
+    def join(self) -> None:
+        """Announce this service in all scenes; to be called before the first step."""
+        for member in self.members:
+            member.join()
 
     def step(self) -> ServerStep:
         """Wait until something is due, at most one period, and do it."""

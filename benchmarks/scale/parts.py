@@ -220,7 +220,11 @@ def _idle_cost(link: Link) -> float:
 def _polled_server(scenes: Sequence[Scene], link: Link) -> FusionServer:
     """A server of many scenes that never pauses."""
     silent = Notifier("")
-    return FusionServer(scenes, "fusion", link, time.time_ns, shared=True, supervisor=silent, polled=True, pause_s=0.0)
+    server = FusionServer(
+        scenes, "fusion", link, time.time_ns, shared=True, supervisor=silent, polled=True, pause_s=0.0
+    )
+    server.join()
+    return server
 
 
 def _wait_cost() -> float:

@@ -54,7 +54,7 @@ def shown_pictures(
     section, keys = scene.observer(observer_id), scene.keys
     outlets: list[PictureOutlet] = []
     if section.picture_hz:
-        publisher = link.publisher(keys.picture(observer_id), background=True)
+        publisher = link.publisher(keys.picture(observer_id), priority="low")
         outlets.append(LivePicture(publisher, section.picture_hz))
         log.info("%s: live picture of %g Hz while somebody watches", observer_id, section.picture_hz)
     clips = section.clips

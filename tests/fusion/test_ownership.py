@@ -15,14 +15,17 @@ STEP_S = 0.1
 class Room:
     """Services that step in turn and hear each other, unless they are dead, frozen or cut off; time is simulated."""
 
-    def __init__(self, names, named=()):
+    def __init__(self, names, named=(), takeover_s=TAKEOVER_S):
         self.now_s, self.named, self.published, self.owners = 100.0, named, [], []
+        self.takeover_s = takeover_s
         self.services, self.dead, self.frozen, self.far = {}, set(), set(), set()
         for name in names:
             self.begin(name)
 
     def begin(self, name):
-        self.services[name] = Ownership(name, "dojo", self.named, TAKEOVER_S)
+        self.services[name] = Ownership(name, "dojo", self.named, self.takeover_s)
+        alive = {n for n in self.services if n not in self.dead and self.connected(n, name)}
+        self.services[name].set_alive(alive, self.now_s)
         self.dead.discard(name)
 
     def connected(self, one, other):
@@ -139,6 +142,43 @@ def test_shared_scenes_move_to_the_first_in_rank_by_handover_without_a_gap():
     assert room.owners.count([second, first]) == 1
     assert room.owner == first and room.services[second].role is Role.STANDBY
     assert room.services[first].epoch == 2
+
+
+@pytest.mark.parametrize("order", [1, -1], ids=["first in rank first", "second in rank first"])
+def test_services_that_start_together_do_not_wait_for_an_owner_that_cannot_be(order):
+    """Seen in a storm: both services of twenty scenes were killed again while they waited."""
+    names = rendezvous_rank("dojo", ("x", "y"))[::order]
+    room = Room(names, takeover_s=2.0)
+    room.step(13)
+    assert len(room.owners[-1]) == 1
+
+
+def test_a_service_waits_for_an_owner_that_was_suspended_before_it_started():
+    """Its token says that it may be the owner, and nothing says that it is not."""
+    first, second = rendezvous_rank("dojo", ("x", "y"))
+    room = Room([second], takeover_s=2.0)
+    room.step(5)
+    room.frozen.add(second)
+    room.begin(first)
+    room.step(15)
+    room.frozen.clear()
+    room.step(10)
+    assert all(owners in ([], [first], [second], [second, first]) for owners in room.owners[-10:])
+    assert room.owner == first and room.services[first].epoch == 2
+
+
+def test_a_service_that_appears_when_the_connection_is_back_may_own_the_scene():
+    """Both lost the router; the owner's token comes back after this service has begun to listen again."""
+    second = Ownership("y", "dojo", (), 2.0)
+    second.set_alive((), 0.0)
+    second.set_alive({"x"}, 0.1)
+    second.update(0.1)
+    assert second.record_message("x", 3, 0.2) and second.update(0.2) is not Role.OWNER
+    second.set_alive((), 0.3)
+    for n in range(3, 10):
+        second.update(n * STEP_S, connected=lambda: False)
+    second.set_alive({"x"}, 1.2)
+    assert Role.OWNER not in {second.update(n * STEP_S) for n in range(12, 28)}
 
 
 def test_a_scene_that_was_given_away_comes_back_when_the_new_owner_never_publishes():

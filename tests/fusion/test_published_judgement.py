@@ -19,7 +19,7 @@ class Session:
     def __init__(self):
         self.put, self.subscribed = [], set()
 
-    def publisher(self, key):
+    def publisher(self, key, **_):
         name = key.rsplit("/", 1)[-1]
 
         class Publisher:
@@ -48,7 +48,7 @@ def judgements():
 def published(judgements, session, **settings):
     publisher = VerdictPublisher(session, scene_of(4).keys, SimpleNamespace(), None, **settings)
     for judgement in judgements:
-        publisher.publish([], judgement)
+        publisher.publish([], judgement, 0.0)
     return session.put
 
 

@@ -1,5 +1,6 @@
 """What a service that is killed between two puts has told the world, and its own file."""
 
+import math
 from types import SimpleNamespace
 
 import pytest
@@ -7,7 +8,7 @@ from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 
 from common.keys import SceneKeys
 from common.messages import VerdictMessage
-from common.wire import decode
+from common.wire import decode, encode
 from fusion.publisher import VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
 
 
@@ -37,7 +38,7 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
     (scene, judgement), events = played, []
     keys = SceneKeys("dojo")
 
-    def publisher(key):
+    def publisher(key, **_):
         def put(payload):
             kind = key.rpartition("/")[2]
             if kind != "votes":
@@ -47,18 +48,18 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
 
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
     file = SimpleNamespace(is_due=lambda judgement: True, write=lambda checkpoint: events.append("file"))
-    VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement)
+    VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement, 0.0)
     assert events == order
 
 
 def test_late_joiners_receive_the_last_verdicts_of_the_owner_alone(played):
     (scene, judgement), queries = played, {}
     publisher = SimpleNamespace(put=lambda _: None, has_subscriber=False)
-    session = SimpleNamespace(publisher=lambda key: publisher, answer=queries.__setitem__)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=queries.__setitem__)
     keys = SceneKeys("dojo")
     owner = VerdictPublisher(session, keys, scene.engine, None)
     for _ in range(VERDICTS_LIMIT):
-        owner.publish(scene.verdicts[:2], judgement)
+        owner.publish(scene.verdicts[:2], judgement, 0.0)
     assert queries[keys.verdict]() is None and queries[keys.judgement]() is None
     owner.answers = True
     assert len(queries[keys.verdict]()) == VERDICTS_LIMIT
@@ -68,7 +69,7 @@ def test_late_joiners_receive_the_last_verdicts_of_the_owner_alone(played):
 def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played):
     (scene, judgement), events, outbox = played, [], JudgementBatch()
 
-    def publisher(key):
+    def publisher(key, **_):
         scene_name, kind = key.split("/")[1:]
         return SimpleNamespace(
             put=lambda _: events.append((scene_name, kind)) if kind != "votes" else None, has_subscriber=False
@@ -77,8 +78,33 @@ def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
     for name in ("north", "south"):
         one = VerdictPublisher(session, SceneKeys(name), scene.engine, None, put=outbox.put)
-        one.publish(scene.verdicts[:1], judgement)
+        one.publish(scene.verdicts[:1], judgement, 0.0)
     assert events == [("north", "verdict"), ("south", "verdict")]
     outbox.flush()
     outbox.flush()
     assert events[2:] == [("north", "judgement"), ("south", "judgement")]
+
+
+def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played):
+    """A listener would take a decision that follows its movement's end for a new one."""
+    (scene, judgement), sent = played, []
+    publisher = SimpleNamespace(put=sent.append, has_subscriber=False)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
+    owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None, put=lambda *_: None)
+    for at_s, verdict in enumerate(scene.verdicts[:3]):
+        owner.publish([verdict], judgement, float(at_s))
+    decided, ended, next_decided = (encode(verdict) for verdict in scene.verdicts[:3])
+    for since_s, again in ((0.0, [ended, next_decided]), (2.0, [next_decided]), (math.inf, [])):
+        sent.clear()
+        owner.repeat_verdicts(since_s)
+        assert sent == again
+    assert decided not in sent
+
+
+def test_a_verdict_that_the_owner_sends_again_is_known_and_the_next_one_is_not(played):
+    scene, _ = played
+    publisher = SimpleNamespace(put=lambda _: None, has_subscriber=False)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
+    standby = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None)
+    standby.remember(scene.verdicts[0])
+    assert [standby.has_published(verdict) for verdict in scene.verdicts[:3]] == [True, False, False]

@@ -1,5 +1,7 @@
 """After a split network has healed: the movement of the service that stands down ends once, for each listener."""
 
+import math
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +11,7 @@ from common.config_sections import FusionConfig
 from common.messages import OngoingMovement
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
-from fusion.publisher import RECONNECTION_S, Reachability
+from fusion.publisher import DETECTION_S, RECONNECTION_S, Reachability
 from fusion.reconciliation import UnreconciledMovement
 
 AT_NS = 1_000 * SECOND_NS
@@ -62,14 +64,25 @@ def test_verdicts_wait_until_others_have_found_the_router_too(connected):
     for step, up in enumerate(connected):
         now_s = step / 4
         down_s = down_s if up else now_s
-        assert reachable.update(up, now_s) == (now_s - down_s >= RECONNECTION_S)
+        assert reachable.update(up, now_s, now_s) == (now_s - down_s >= RECONNECTION_S)
 
 
 def test_a_verdict_sent_just_before_the_router_died_is_sent_again_and_once():
     steps = [(True, 0.0), (False, 1.0), (False, 2.0), (True, 2.1), (True, 2.5)]
-    for sent_s, lost in ((0.2, False), (0.9, True), (1.5, True)):
-        reachable, answers = Reachability(), []
-        for up, now_s in steps:
-            reachable.update(up, now_s)
-            answers.append(reachable.was_lost(sent_s))
-        assert answers == [False, False, False, False, lost] and not reachable.was_lost(sent_s)
+    reachable, since = Reachability(), []
+    for up, now_s in steps:
+        reachable.update(up, 0.0, now_s)
+        since.append(reachable.lost_from(now_s))
+    assert since == [math.inf] * 4 + [1.0 - DETECTION_S] and reachable.lost_from(3.0) == math.inf
+
+
+@pytest.mark.parametrize(("frozen_s", "is_sent_again"), [(0.1, False), (0.7, True), (1.9, True)])
+def test_a_verdict_sent_while_the_router_was_frozen_is_sent_again(frozen_s, is_sent_again):
+    """The link may be lost and opened again between two steps: nothing but the silence of the observers shows it."""
+    reachable, since = Reachability(), []
+    for step in range(40):
+        now_s = step / 10
+        heard_s = 1.0 if 1.0 < now_s < 1.0 + frozen_s else now_s
+        assert reachable.update(True, heard_s, now_s), "judgements go on"
+        since.append(reachable.lost_from(now_s))
+    assert [at_s for at_s in since if at_s < math.inf] == ([1.0 - DETECTION_S] if is_sent_again else [])

@@ -160,6 +160,36 @@ def test_clients_meet_at_a_router():
                 _ = observer.locator
 
 
+ROUTER = """
+import sys
+from common.config import MeshConfig
+from common.link import Link
+with Link.open(MeshConfig(mode="router", endpoint="tcp/127.0.0.1:0"), "router") as router:
+    print(router.locator, flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_a_frozen_router_drops_what_comes_often_and_keeps_what_is_rare():
+    """What fits into no buffer is dropped, and a verdict, which waits in a queue of its own, arrives."""
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", ROUTER], **pipes) as router:
+        mesh = MeshConfig(mode="router", endpoint=router.stdout.readline().strip())
+        with Link.open(mesh, "fusion") as fusion, Link.open(mesh, "hub") as hub:
+            often, rare = hub.inbox("x/often"), hub.inbox("x/rare")
+            judgements, verdicts = publisher_to(fusion, "x/often"), fusion.publisher("x/rare", priority="high")
+            assert verdicts.wait_for_subscriber(SOON_S)
+            os.kill(router.pid, signal.SIGSTOP)
+            for number in range(20):
+                for _ in range(40):
+                    judgements.put(bytes(60_000))
+                verdicts.put(bytes([number]))
+            os.kill(router.pid, signal.SIGCONT)
+            assert payloads(rare, 20) == [bytes([number]) for number in range(20)]
+            assert len(often.take(0)) < 20 * 40
+        router.stdin.close()
+
+
 def mesh_without_router():
     with Link.open(FREE, "fusion") as closed:
         return MeshConfig(mode="router", endpoint=closed.locator)

@@ -336,7 +336,7 @@ def test_a_hub_without_the_right_gets_no_picture(scene, mesh):
     ):
         asked = (keys.picture("cam1"), keys.picture(), "laban/*/observer/*/@picture", f"{keys.root}/**", "**")
         without = [each.inbox(*asked, remote=True) for each in (hub, fusion, cam2)]
-        publisher, liar = (each.publisher(keys.picture("cam1"), background=True) for each in (cam1, cam2))
+        publisher, liar = (each.publisher(keys.picture("cam1"), priority="low") for each in (cam1, cam2))
         assert hub.ask(f"{keys.root}/**", 0.1) == {} and not publisher.has_subscriber
         wanted, whole = eyes.inbox(keys.picture("cam1")), eyes.inbox(f"{keys.root}/**")
         assert publisher.wait_for_subscriber(SOON_S)

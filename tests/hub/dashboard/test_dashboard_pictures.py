@@ -32,7 +32,7 @@ def link():
 
 def test_an_observer_is_subscribed_to_while_somebody_asks(link):
     now_s = [0.0]
-    publisher = link.publisher(KEYS.picture("cam1"), background=True)
+    publisher = link.publisher(KEYS.picture("cam1"), priority="low")
     relay = PictureRelay(KEYS, {"cam1": 2.0}, link, True, lambda: now_s[0])
     assert not publisher.has_subscriber
     assert relay.newest("cam1") == PictureAnswer("none yet")
