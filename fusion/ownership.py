@@ -36,7 +36,7 @@ EPOCHS_AHEAD = 1_000_000
 
 LEFT_S = 0.03
 """A lost connection takes the tokens of all others with it, a moment before it is known to be lost."""
-START_S = 0.5
+START_S = 0.3
 """An owner is heard several times meanwhile, unless it is suspended, and then its token was there before."""
 
 
