@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 Progress = Callable[[str, int, int], None]
 EVERY = 500
+VERDICTS_REPEATED = 10
+"""A service sends at most this many verdicts again."""
 GROUP_NS = 2_000_000
 """Arrivals within this time are one group: about as long as one step of the fusion service."""
 DELAY_LIMIT_NS = 500_000_000
@@ -120,8 +122,10 @@ def _summarise(capture: "CaptureFile") -> _CaptureSummary:
             has_votes = has_votes or record.key == keys.votes
             summary.posteriors += record.key.endswith("/posterior")
             if record.key == keys.verdict and (verdict := _decoded(VerdictMessage, record)):
-                summary.verdicts.append(VerdictRecord(verdict, record.payload))
-                summary.after_last += 1
+                # One that is sent again, because it may have been lost, is no second verdict.
+                if all(record.payload != known.payload for known in summary.verdicts[-VERDICTS_REPEATED:]):
+                    summary.verdicts.append(VerdictRecord(verdict, record.payload))
+                    summary.after_last += 1
     summary.full = summary.full or has_votes
     vocabulary = capture.scene.named_vocabulary
     if vocabulary is not None:

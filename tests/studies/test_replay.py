@@ -54,6 +54,15 @@ def test_the_same_verdicts_bit_for_bit(write, records):
     assert result.faithful and result.source == "judgements"
 
 
+def test_verdicts_that_are_sent_again_count_once(write, records):
+    """A service repeats what may have been lost while its router was away."""
+    again = [n for n, record in enumerate(records) if record.key == f"{ROOT}/verdict"][3:5]
+    later = next(n for n in judgements(records) if n > again[-1]) + 1
+    repeated = [*records[:later], *(records[n] for n in again), *records[later:]]
+    result = judge_again(write(repeated), ReplayChange())
+    assert [(row.likeness, len(row.recorded)) for row in result.rows] == [("bit for bit", 2)] * 3 and result.faithful
+
+
 def test_short_judgements_are_judged_again_from_the_full_votes_beside_them(write):
     records = recorded(a_scene(), steps(), short=True)
     result = judge_again(write(records), ReplayChange())
