@@ -5,6 +5,7 @@ service. The exact times at which a service steps are not recorded, so it and th
 apart; the replay itself always gives the same result.
 """
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
@@ -107,6 +108,7 @@ class _Replayed:
 
 def _summarise(capture: "CaptureFile") -> _CaptureSummary:
     keys, summary, has_votes = capture.scene.keys, _CaptureSummary(), False
+    last = deque[bytes](maxlen=VERDICTS_REPEATED)
     for record in capture.records():
         summary.records += 1
         summary.began_ns = summary.began_ns or record.arrived_ns
@@ -121,11 +123,12 @@ def _summarise(capture: "CaptureFile") -> _CaptureSummary:
                 summary.full = summary.full and not (judgement and is_short(judgement))
             has_votes = has_votes or record.key == keys.votes
             summary.posteriors += record.key.endswith("/posterior")
-            if record.key == keys.verdict and (verdict := _decoded(VerdictMessage, record)):
-                # One that is sent again, because it may have been lost, is no second verdict.
-                if all(record.payload != known.payload for known in summary.verdicts[-VERDICTS_REPEATED:]):
-                    summary.verdicts.append(VerdictRecord(verdict, record.payload))
-                    summary.after_last += 1
+            # A verdict that is sent again, because it may have been lost, is no second one.
+            is_verdict = record.key == keys.verdict and record.payload not in last
+            if is_verdict and (verdict := _decoded(VerdictMessage, record)):
+                last.append(record.payload)
+                summary.verdicts.append(VerdictRecord(verdict, record.payload))
+                summary.after_last += 1
     summary.full = summary.full or has_votes
     vocabulary = capture.scene.named_vocabulary
     if vocabulary is not None:
