@@ -3,8 +3,8 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
 
 LARGE = 2048
 """Bytes of a payload from which it is counted; a queue of smaller ones is bounded by their number."""
@@ -86,6 +86,27 @@ class Inbox:
                 self._bell.release()
             except RuntimeError:
                 pass  # another thread has rung it meanwhile
+
+
+class NewestMessages:
+    """The newest message under each of some keys, which waits in a ring of one until `take`.
+
+    rings: each key, and what returns the sample in its ring, None if it is empty. payload_of: the bytes of a sample.
+    """
+
+    def __init__(
+        self, rings: Sequence[tuple[str, Callable[[], Any]]] = (), payload_of: Callable[[Any], bytes] = bytes
+    ) -> None:
+        self._rings, self._payload_of = rings, payload_of
+
+    def take(self) -> list[Arrival]:
+        """Those that have arrived since the last call, at most one of each key; they count as arriving now."""
+        arrivals = []
+        for key, try_recv in self._rings:
+            sample = try_recv()
+            if sample is not None:
+                arrivals.append(Arrival(key, self._payload_of(sample), time.time_ns()))
+        return arrivals
 
 
 class Presence:

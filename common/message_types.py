@@ -1,7 +1,8 @@
 """The types of the fields of messages: numbers with their ranges, distributions in few bytes, facings. Pure."""
 
 from collections.abc import Sequence
-from typing import Annotated, Final
+from functools import cache
+from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
@@ -83,3 +84,31 @@ class Facing(MessagePart):
         if len({len(row) for row in self.surprise}) != 1 or not 1 <= len(self.surprise[0]) <= 72:
             raise ValueError("surprise has rows of different lengths, or not 1 to 72 facings")
         return self
+
+
+P = TypeVar("P", bound=MessagePart)
+_DICT, _FIELDS_SET, _EXTRA, _PRIVATE = (
+    vars(BaseModel)[name].__set__
+    for name in ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
+)
+"""The slots of a pydantic model, which is frozen otherwise."""
+
+
+def unchecked(kind: type[P], fields: dict[str, Any], given: set[str] | None = None) -> P:
+    """The message of type `kind` with `fields`, all of them and in range; in a tenth of the time of validation.
+
+    given: those that are not there by default alone; None: all. The same as `kind.model_construct`, which looks each
+    field up.
+    """
+    message = kind.__new__(kind)
+    _DICT(message, fields)
+    _FIELDS_SET(message, _field_names(kind) if given is None else given)
+    _EXTRA(message, None)
+    _PRIVATE(message, None)
+    return message
+
+
+@cache
+def _field_names(kind: type[MessagePart]) -> set[str]:
+    """One set for all messages of a type: pydantic copies it for a message that differs."""
+    return set(kind.model_fields)

@@ -16,7 +16,7 @@ from typing import Any, Literal, Self
 import zenoh
 
 from common.errors import LabanmeshError
-from common.inbox import BYTES_LIMIT, Inbox, Presence
+from common.inbox import BYTES_LIMIT, Inbox, NewestMessages, Presence
 from common.wire import SIZE_LIMIT
 
 ENCODING = "application/msgpack"
@@ -157,6 +157,13 @@ class SubSession:
         self._inboxes.append(inbox)
         return inbox
 
+    def newest(self, *keys: str) -> NewestMessages:
+        """The newest message under each of `keys`, which have no wildcards; taken without `poll` and queue."""
+        declared = [self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1)) for key in keys]
+        self._declared += declared
+        rings = [(key, subscriber.try_recv) for key, subscriber in zip(keys, declared, strict=True)]
+        return NewestMessages(rings, _payload_of)
+
     def announce(self, key: str) -> None:
         """Declare a liveliness token under `key`, until the link is closed or the process dies."""
         self._declared.append(self._session.liveliness().declare_token(key))
@@ -290,6 +297,10 @@ class SubSession:
 
 def _enqueue(inbox: Inbox, key: str | None, sample: zenoh.Sample) -> None:
     """Put a sample in an inbox. key: the sample's, if it is known."""
+    inbox.put(key or str(sample.key_expr), _payload_of(sample))
+
+
+def _payload_of(sample: zenoh.Sample) -> bytes:
     payload = sample.payload
     # A payload that no message can have is not copied: a queue of them would fill the memory.
-    inbox.put(key or str(sample.key_expr), payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE)
+    return payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE

@@ -24,7 +24,6 @@ from common.messages import (
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
-    VocabularyHash,
     VocabularyMessage,
     VocabularyReference,
     Vote,
@@ -99,32 +98,7 @@ def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
 
 def decode(kind: type[M], payload: bytes) -> M:
     """The checked message of type `kind`; raises BadMessage, and nothing else, for any other bytes."""
-    return _checked(kind, _unpack(payload))
-
-
-class PosteriorDecoder:
-    """Decodes the posteriors that arrive under one key, as `decode_from` does, in nine tenths of its time.
-
-    The vocabulary is checked again only when it differs from that of the message before.
-    """
-
-    def __init__(self, key: str) -> None:
-        self.key, self.scene, self.observer = key, scene_of(key), observer_of(key)
-        self._fields: object = None
-        self._vocabulary: VocabularyHash | None = None
-
-    def decode(self, payload: bytes) -> PosteriorMessage:
-        """The checked message; raises BadMessage."""
-        fields = _unpack(payload)
-        vocabulary, known = fields.get("vocabulary"), self._vocabulary
-        if known is not None and vocabulary == self._fields:
-            fields["vocabulary"] = known
-        message = _checked(PosteriorMessage, fields)
-        if message.vocabulary is not known:
-            self._fields, self._vocabulary = vocabulary, message.vocabulary
-        if not message.is_of(self.scene, self.observer):
-            raise _wrong_key(message.observer, message.scene, self.key)
-        return message
+    return checked(kind, unpack(payload))
 
 
 def decode_from(key: str, kind: type[M], payload: bytes) -> M:
@@ -143,7 +117,7 @@ def decode_from(key: str, kind: type[M], payload: bytes) -> M:
         claimed = "", getattr(message, "scene", "")
         agrees = claimed[1] == key.rsplit("/", 2)[-2]
     if not agrees:
-        raise _wrong_key(*claimed, key)
+        raise wrong_key(*claimed, key)
     return message
 
 
@@ -248,7 +222,8 @@ def _packed_to_fit(fields: dict[str, Any], single: bool) -> bytes:
     return _packed(fields, single)
 
 
-def _unpack(payload: bytes) -> dict[str, Any]:
+def unpack(payload: bytes) -> dict[str, Any]:
+    """The fields of a message that are not checked yet; raises BadMessage."""
     size = len(payload)
     if size > SIZE_LIMIT:
         raise BadMessage("too_large", f"more than {SIZE_LIMIT} bytes")
@@ -265,7 +240,19 @@ def _unpack(payload: bytes) -> dict[str, Any]:
     return fields
 
 
-def _checked(kind: type[M], fields: dict[str, Any]) -> M:
+def field_places(payload: bytes) -> dict[str, int]:
+    """Where the value of each field begins in a message that `unpack` can read; of two equal fields the last counts."""
+    unpacker, places = msgpack.Unpacker(), {}
+    unpacker.feed(payload)
+    for _ in range(unpacker.read_map_header()):
+        name = unpacker.unpack()
+        places[name] = unpacker.tell()
+        unpacker.skip()
+    return places
+
+
+def checked(kind: type[M], fields: dict[str, Any]) -> M:
+    """The message with these fields; raises BadMessage."""
     version = fields.get("v")
     if type(version) is not int or version not in kind.VERSIONS:
         raise BadMessage(
@@ -279,7 +266,8 @@ def _checked(kind: type[M], fields: dict[str, Any]) -> M:
     return message
 
 
-def _wrong_key(process: str | None, scene: str | None, key: str) -> BadMessage:
+def wrong_key(process: str | None, scene: str | None, key: str) -> BadMessage:
+    """For a message that names another process or scene than its key."""
     return BadMessage("wrong_key", f"{' in '.join(filter(None, (process, scene)))} under {key}")
 
 

@@ -8,8 +8,9 @@ from common import MINUTE_NS
 from common.inbox import Arrival
 from common.keys import IDENTIFIER
 from common.messages import ObserverStatistics
+from common.posterior_decoder import PosteriorDecoder
 from common.status import ProcessStatus
-from common.wire import BadMessage, PosteriorDecoder
+from common.wire import BadMessage
 from fusion.engine.engine import FusionEngine
 from fusion.vocabulary_change import ObservedVocabularies
 

@@ -97,7 +97,7 @@ class SceneWorker:
         # With many scenes by whole keys: Zenoh looks them up at once, but tries subscribers with wildcards one by one;
         # with 250 of them a message costs ten times as much. With few scenes the server has one inbox.
         names = map(scene.keys.posterior, scene.roster) if service.polled else ()
-        self._posteriors = self._session.inbox(*names, ring=1)
+        self._posteriors = self._session.newest(*names)
         alive_keys = map(scene.keys.observer_alive, scene.roster)
         self._present = self._session.presence(scene.keys.observer_alive(), alive_keys)
         self._alive: frozenset[str] | None = None
@@ -130,7 +130,7 @@ class SceneWorker:
     def collect(self, arrivals: Sequence[Arrival] = ()) -> StepInput:
         """Receive `arrivals` and everything else that has arrived; the result has the case to pool."""
         self._session.poll()
-        arrivals = arrivals or self._posteriors.take(0)
+        arrivals = arrivals or self._posteriors.take()
         self._received_s = self._ticks() if arrivals else self._received_s
         read = newest(arrivals)
         if read:

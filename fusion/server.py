@@ -167,7 +167,7 @@ class FusionServer:
                 member.publish_status()
             if all(member.at_rest for member in self.members):
                 self._steady.follow()
-        owned = sum(member.role is Role.OWNER for member in self.members)
+        owned = [member.ownership.role for member in self.members].count(Role.OWNER)
         return ServerStep(results, owned, received, read, self.dropped, self._ticks() - begun_s)
 
     def close(self, fault: str = "") -> None:

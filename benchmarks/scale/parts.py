@@ -172,10 +172,8 @@ def _take_cost(ends: Endpoints) -> float:
     """Microseconds to empty an inbox of one posterior, minus those of an empty inbox."""
     scenes = [_scene(n) for n in range(BATCH)]
     sessions = [ends.link.sub_session(polled=True) for _ in scenes]
-    inboxes = [
-        session.inbox(*map(scene.keys.posterior, scene.roster), ring=1)
-        for session, scene in zip(sessions, scenes, strict=True)
-    ]
+    keys = [map(scene.keys.posterior, scene.roster) for scene in scenes]
+    inboxes = [session.newest(*own) for session, own in zip(sessions, keys, strict=True)]
     observers = [SceneObservers(scene, ends.far) for scene in scenes]
     full = len(observers) * OBSERVERS
     took_us: dict[int, list[float]] = {0: [], full: []}
@@ -184,9 +182,7 @@ def _take_cost(ends: Endpoints) -> float:
             own.publish()
         time.sleep(ARRIVED_S)
         begun_s = time.thread_time()
-        for session in sessions:
-            session.poll()
-        arrived = sum(len(inbox.take(0)) for inbox in inboxes)
+        arrived = sum(len(inbox.take()) for inbox in inboxes)
         took_us.setdefault(arrived, []).append((time.thread_time() - begun_s) * MICRO)
     for session in sessions:
         session.close()

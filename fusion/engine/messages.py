@@ -9,18 +9,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
+from common.message_types import unchecked
 from common.messages import (
     SCHEMA_VERSION,
     Agreement,
     Contribution,
     Facing,
     JudgementMessage,
-    MessagePart,
     OngoingMovement,
     VerdictMessage,
     VocabularyReference,
@@ -38,7 +37,6 @@ LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this in any probability votes for no label."""
 FACING_CELLS_LIMIT = 8192
 """Cells (M, K) of all facings together that votes carry; more would not fit into a message."""
-P = TypeVar("P", bound=MessagePart)
 
 
 @dataclass(slots=True)
@@ -71,7 +69,8 @@ class JudgementBuilder:
     """Builds the votes and judgements of one scene."""
 
     def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
-        self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.tolist(), rule
+        # Of any label: the prior of a scene is uniform.
+        self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.item(0), rule
         self._to_bits, self._most_bits = np.full(len(prior), -NATS_TO_BITS), math.log2(len(prior))
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._movement: MovementProgress | None = None
@@ -165,35 +164,7 @@ class JudgementBuilder:
         top, unlearned, prior = p[likeliest], posterior.unlearned, self._prior
         if unlearned and unlearned > top * (1.0 - unlearned):
             return False
-        return abs(top - prior[likeliest]) > LABEL_MARGIN or any(
-            abs(posterior_p - prior_p) > LABEL_MARGIN for posterior_p, prior_p in zip(p, prior, strict=True)
-        )
-
-
-_DICT, _FIELDS_SET, _EXTRA, _PRIVATE = (
-    vars(BaseModel)[name].__set__
-    for name in ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
-)
-"""The slots of a pydantic model, which is frozen otherwise."""
-
-
-def unchecked(kind: type[P], fields: dict[str, Any]) -> P:
-    """The message of type `kind` with `fields`, all of them and in range; in a tenth of the time of validation.
-
-    The same as `kind.model_construct`, which looks each field up.
-    """
-    message = kind.__new__(kind)
-    _DICT(message, fields)
-    _FIELDS_SET(message, _field_names(kind))
-    _EXTRA(message, None)
-    _PRIVATE(message, None)
-    return message
-
-
-@cache
-def _field_names(kind: type[MessagePart]) -> set[str]:
-    """One set for all messages of a type: pydantic copies it for a message that differs."""
-    return set(kind.model_fields)
+        return top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
 
 
 @cache
