@@ -59,10 +59,16 @@ class ChainFilter:
         self._advance = _advance_matrix(dynamics.steps[0], phases)
         count = np.bincount(cell_of, minlength=movements * facings)
         self._prior = (count > 0) / max(int((count > 0).sum()), 1)
-        self._entering = np.outer(dynamics.entry, self._prior[cell_of] / count[cell_of]).astype(np.float32)
+        of_chain = self._prior[cell_of] / count[cell_of]
+        self._entering = np.outer(dynamics.entry, of_chain).astype(np.float32)
         self._live: Integers | None = None
-        self._active: Floats32 = np.zeros((len(dynamics.entry), len(cell_of)), np.float32)
-        self._before = 0.0 if onset_known else 1.0
+        self._active: Floats32 = self._entering.copy()
+        self._before = 0.0
+        if not onset_known:
+            self._before = 1.0 - dynamics.under_way
+            # Without such mass only the first phases are computed.
+            rows = phases if dynamics.under_way else len(dynamics.entry)
+            self._active = np.tile(np.float32(dynamics.under_way / phases * of_chain), (rows, 1))
         self._after = np.zeros(movements * facings)
         self._past = np.zeros(movements * facings)
         self._moving = onset_known
@@ -70,8 +76,6 @@ class ChainFilter:
         self._still_frames = 0
         # The posterior is read several times per frame, and is a sum over all active mass.
         self._posterior: Floats | None = None
-        if onset_known:
-            self._active += self._entering
         self.predictive_log_likelihood: Floats = np.zeros(movements)
         """(M,) log P(last frame | earlier frames, movement m)."""
 

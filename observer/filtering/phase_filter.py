@@ -27,6 +27,7 @@ class Dynamics:
     abandon: P(a movement is given up in one frame | the person is still). forget: P(the rest after a movement becomes
     plain rest, in one frame), and the share of probability that returns to the prior in a frame without any visible
     part. settled: number of still frames in a row after which the person certainly rests (ChainFilter only).
+    under_way: P(a movement is in progress before the first frame), in any phase, if the onset is not known.
     """
 
     steps: Floats
@@ -37,13 +38,14 @@ class Dynamics:
     forget: float
     abandon: float = 0.0
     settled: float = np.inf
+    under_way: float = 0.0
 
 
 class PhaseFilter:
     """P(movement, phase, speed | frames so far).
 
     movement_of: (C,) the movement of each chain; phases: Φ of each; prior: (M,) P(M). With `onset_known` the movement
-    begins with the first frame; otherwise the person is at rest.
+    begins with the first frame; otherwise the person is at rest or, with the probability `under_way`, in any phase.
     """
 
     def __init__(
@@ -53,10 +55,12 @@ class PhaseFilter:
         chains = np.bincount(movement_of, minlength=len(prior))
         self._chain_prior = prior[movement_of] / chains[movement_of]
         self._active = np.zeros((len(dynamics.speeds), len(movement_of), phases))
-        self._before = 0.0 if onset_known else 1.0
+        self._before = 0.0 if onset_known else 1.0 - dynamics.under_way
         self._after = np.zeros(len(prior))
         if onset_known:
             self._enter(1.0)
+        else:
+            self._active += dynamics.under_way / phases * dynamics.speeds[:, None, None] * self._chain_prior[:, None]
         self._begun = not onset_known
 
     @property

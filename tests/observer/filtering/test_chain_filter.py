@@ -57,9 +57,10 @@ def chain_filter(known, negligible=0.0):
     facings=st.sampled_from([FACINGS, 1]),
     # Also at a frame rate so low that a step can be longer than the chain.
     steps=st.sampled_from([STEPS, (0.0, *[0.05] * 20)]),
+    under_way=st.sampled_from([0.0, 0.3]),
 )
-def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind, facings, steps):
-    rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, steps=np.array([steps]))
+def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind, facings, steps, under_way):
+    rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, steps=np.array([steps]), under_way=under_way)
     cell_of = CELL_OF * facings // FACINGS
     ours = ChainFilter(cell_of, MOVEMENTS, facings, PHASES, dynamics, known, negligible=0.0)
     oracle, first = PhaseFilter(cell_of, PHASES, uniform(MOVEMENTS * facings), dynamics, known), known

@@ -1,6 +1,7 @@
 """The phase filter against a brute-force sum over all paths, and its properties."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,7 +59,10 @@ def paths_oracle(movement_of, phases, prior, d, known, evidence, rests, still):
     def initial(s):
         if known:
             return entering(*s) if s != "rest" and s[0] != "after" else 0.0
-        return move("rest", s)
+        chain_prior = prior[movement_of] / count[movement_of]
+        anywhere = [a for a in states if a != "rest" and a[0] != "after"]
+        middle = sum(chain_prior[a[0]] * d.speeds[a[2]] * move(a, s) for a in anywhere)
+        return (1 - d.under_way) * move("rest", s) + d.under_way / phases * middle
 
     mass = {s: initial(s) * likelihood(0, s) for s in states}
     for t in range(1, len(evidence)):
@@ -78,12 +82,12 @@ def paths_oracle(movement_of, phases, prior, d, known, evidence, rests, still):
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("steps", [[[0.2, 0.5, 0.3]], [[0.5, 0.5, 0.0], [0.0, 0.4, 0.6]]])
-@given(seed=st.integers(0, 1000), still=st.sampled_from([0.0, 0.7]))
+@given(seed=st.integers(0, 1000), still=st.sampled_from([0.0, 0.7]), under_way=st.sampled_from([0.0, 0.3]))
 @settings(max_examples=15)
-def test_equals_the_sum_over_all_paths(known, steps, seed, still):
+def test_equals_the_sum_over_all_paths(known, steps, seed, still, under_way):
     rng = np.random.default_rng(seed)
     movement_of, phases, prior = np.array([0, 1, 1]), 3, np.array([0.3, 0.7])
-    d = dynamics(steps)
+    d = replace(dynamics(steps), under_way=under_way)
     evidence, rests = rng.uniform(0.05, 1, (4, 3, 3)), rng.uniform(0.05, 1, 4)
     belief = PhaseFilter(movement_of, phases, prior, d, known)
     for e, r in zip(evidence, rests, strict=True):
