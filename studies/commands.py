@@ -56,6 +56,7 @@ def evaluate(options: EvaluateOptions) -> None:
 def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "EvaluationSettings":
     """The settings of the evaluation; raises BadInput for values that are none."""
     from observer.motion.archive import labels_of
+    from observer.motion.sensors import require_shared_labels
     from studies.evaluate import EvaluationSettings
     from studies.faults import parse_fault
     from studies.room import parse_event
@@ -63,6 +64,9 @@ def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "Evalu
 
     known = labels_of(archives.whole)
     learned = labels_in(options.labels) or known
+    if archives.sensors:
+        names = [view.name for view in archives.views]
+        require_shared_labels(learned, dict(zip(names, archives.sensors, strict=True)))
     turn_deg = _turn(options.turn)
     unlearned, background = unlearned_and_background(
         options.unlearned, options.background_labels, learned, known, options.seed

@@ -56,6 +56,7 @@ def learn(options: LearnOptions) -> None:
     """
     from observer.learning.learning_sources import read_source, sensors_to_learn
     from observer.motion.archive import require_labels
+    from observer.motion.sensors import require_shared_labels
 
     _require_compatible(options)
     labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
@@ -68,8 +69,11 @@ def learn(options: LearnOptions) -> None:
         _add_movements(options, options.add_to, sources[0], sensors[0].placement, labels, parameters)
     else:
         labels = labels or tuple(dict.fromkeys(label for source in sources for label in source.labels))
-        for sensor, source in zip(sensors, sources, strict=True):
-            require_labels(labels, source.archive, f"--sensor {sensor.name}: --labels" if sensor.name else "--labels")
+        if options.sensor:
+            archives = [source.archive for source in sources]
+            require_shared_labels(labels, dict(zip([sensor.name for sensor in sensors], archives, strict=True)))
+        else:
+            require_labels(labels, sources[0].archive, "--labels")
         vocabulary = Vocabulary(labels, options.name)
         _learn_all([_Part(options, *of_one, vocabulary, parameters) for of_one in zip(sensors, sources, strict=True)])
 

@@ -1,13 +1,14 @@
 """Sensors by name on the command line: which file each recorded, and the view that it is seen from."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import BadInput
+from common.text import nearest
 from observer.geometry.placement import PersonPlacement
 from observer.geometry.views import View
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.projected import view_of
 
 DEFAULT_VIEW = "door"
@@ -40,3 +41,28 @@ def parse_sensors(texts: Sequence[str]) -> list[SensorFile]:
             raise BadInput(f"--sensor {text}: {name!r} is given twice; every sensor needs its own name")
         sensors.append(SensorFile(name, Path(file), view))
     return sensors
+
+
+def require_shared_labels(labels: Sequence[str], archives: Mapping[str, MotionArchive]) -> None:
+    """Raise BadInput unless every sensor recorded each of these movements: a model is learned for each sensor.
+
+    archives: by the sensors' names.
+    """
+    own = {name: labels_of(archive) for name, archive in archives.items()}
+    anywhere = tuple(dict.fromkeys(label for known in own.values() for label in known))
+    for label in labels:
+        if label not in anywhere:
+            raise BadInput(f"--labels {label}: no recording shows this movement; {nearest(label, anywhere)}")
+    shared = [label for label in labels if all(label in known for known in own.values())]
+    if not shared:
+        listed = "; ".join(f"{name} has {', '.join(known)}" for name, known in own.items())
+        raise BadInput(
+            f"--sensor: none of the movements was recorded by all sensors ({listed}); give recordings of the same "
+            "movements, under the same labels"
+        )
+    for name, known in own.items():
+        if missing := [label for label in labels if label not in known]:
+            raise BadInput(
+                f"--sensor {name}: no recording shows {', '.join(missing)}; record it with this sensor too, or leave "
+                f"it out: --labels {','.join(shared)}"
+            )

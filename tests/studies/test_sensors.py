@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
+from labanmesh import main
 from observer.geometry.views import View, parse_view
 from observer.model.phase import Phase
 from observer.model.registry import MODELS
@@ -48,6 +49,20 @@ def test_no_frame_is_later_than_its_fraction_and_the_last_is_the_end(frames, wan
     for n, place in enumerate(places.tolist()):
         assert place / frames < (n + 1) / wanted + 1e-9 <= (place + 2) / frames + 1e-6 or place == 0
     assert frames_at_fractions(frames, frames).tolist() == list(range(frames))
+
+
+def test_sensors_without_the_same_movements_are_refused_with_the_way_out(archive, tmp_path, capsys):
+    for name, labels in {"left": LABELS[:2], "right": LABELS[1:], "door": LABELS[2:]}.items():
+        shown = with_recordings(archive, [r for r in archive.recordings if r.label in labels])
+        write_archive(tmp_path / f"{name}.npz", shown)
+    left, right, door = (f"--sensor={name}={tmp_path / name}.npz" for name in ("left", "right", "door"))
+    both = "left: no recording shows lunging; record it with this sensor too, or leave it out: --labels shake"
+    neither = "--sensor: none of the movements was recorded by all sensors (left has ok, shake; door has lunging)"
+    unknown = "--labels shaek: no recording shows this movement; did you mean shake?"
+    for verb, last in (("evaluate", ("--train-subjects", "1")), ("learn", ("-o", str(tmp_path / "models")))):
+        for words, line in (((right,), both), ((door,), neither), ((right, "--labels", "shaek"), unknown)):
+            assert main([verb, left, *words, *last]) == 2
+            assert line in capsys.readouterr().err
 
 
 def test_two_sensors_that_recorded_the_same_are_two_views_of_one_archive(archive):

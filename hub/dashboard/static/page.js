@@ -299,7 +299,7 @@ function showReferee(state) {
   const ago = last ? Math.max(0, Math.round((state.now - (last.ended ?? last.decided)) / 1000)) : 0;
   const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
   const before = last && last.revises !== null ? `, corrected from ${words(last.revises)}` : "";
-  put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree${before}` : "");
+  put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agreed${before}` : "");
   put($("undecided"), !state.judged ? "No referee is heard. Start the scene: labanmesh up, and the scene file." : state.waiting && !state.silent ? unheard(state.observers) : state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
   bars($("fused"), state.fused);
   showManner(state);
