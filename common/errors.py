@@ -26,4 +26,4 @@ def with_scene_file(message: str, words: Sequence[str]) -> str:
     import shlex
 
     file = next((word for word in words if word.endswith(".toml")), "SCENE")
-    return re.sub(r"\b(labanmesh (?:[a-z]+ )+)SCENE\b", lambda match: match[1] + shlex.quote(file), message)
+    return re.sub(r"\b(labanmesh (?:[a-z-]+ )+)SCENE\b", lambda match: match[1] + shlex.quote(file), message)

@@ -26,7 +26,7 @@ GREETING_S = 1.0
 """How long a TLS server may take to answer a handshake: Zenoh pauses for 0.1 s after each that failed."""
 EXPIRED, NOT_YET, WRONG_NAMES, FOREIGN = 10, 9, (62, 64), (7, 18, 19, 20, 21)
 """OpenSSL's verification results (X509_V_ERR_...)."""
-START = "start it with `labanmesh router` or correct the address"
+START = "start it with `labanmesh router --scene SCENE` or correct the address"
 CERTIFY = "make credentials for this machine with `labanmesh secure add SCENE NAME`, and name the folder"
 
 

@@ -107,6 +107,8 @@ def reason(message: str, setting: str) -> str:
     if "in use" in message:
         return f"{setting}: already in use; stop what listens there or choose another port in the scene file"
     if "Unable to connect" in message:
-        return f"{setting}: no router answers there; start it with `labanmesh router` or correct the address"
+        return (
+            f"{setting}: no router answers there; start it with `labanmesh router --scene SCENE` or correct the address"
+        )
     short = " ".join(message.split(" at /")[0].split())[:200]
     return f"{setting}: cannot be used: {short}; an endpoint is PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447"

@@ -173,7 +173,7 @@ def _fusions(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
             to_do = f"stop it, or name it: fusion.standby = [{name!r}]; every machine needs the same file"
             yield error(GROUP, what, to_do)
         alive = name in traffic.alive_fusions or expected.partly
-        yield from check_process(service, process, expected.version, alive)
+        yield from check_process(service, process, expected.version, alive, is_fusion=True)
         if process.skew_s is not None and abs(process.skew_s) > SKEW_S:
             what = f"this machine's clock is {relative_clock(-process.skew_s)} that of {service}"
             yield warning(GROUP, what, f"synchronise both clocks (NTP): {SYNCHRONISE}")

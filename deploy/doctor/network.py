@@ -232,10 +232,9 @@ def _taken(facts: NetworkFacts) -> Finding:
 
 
 def _no_router(facts: NetworkFacts) -> Finding:
-    parts = EndpointParts.of(facts.mesh.endpoint)
-    machine = "this machine" if facts.local else parts.host or "its machine"
-    command = f"labanmesh router {parts.protocol}/0.0.0.0:{parts.port}" if parts.port else "labanmesh router"
-    return error(GROUP, f"{facts.mesh.endpoint}: no router answers there", f"start it on {machine}: {command}")
+    machine = "this machine" if facts.local else EndpointParts.of(facts.mesh.endpoint).host or "its machine"
+    to_do = f"start it on {machine}: labanmesh router --scene SCENE"
+    return error(GROUP, f"{facts.mesh.endpoint}: no router answers there", to_do)
 
 
 def _free(facts: NetworkFacts) -> Finding:

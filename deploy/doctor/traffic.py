@@ -38,6 +38,7 @@ WAYS_OUT = {
 """By reason for which a message is rejected."""
 ANY_WAY_OUT = "see that process's log; docs/reference/wire.md defines the messages"
 LOOK = "labanmesh look SOURCE on its machine shows what its camera delivers"
+HEARS_NOBODY = "it hears no observer: correct the findings on observers first"
 
 
 @dataclass(slots=True)
@@ -159,9 +160,11 @@ def _process(processes: dict[str, ProcessTraffic], name: str) -> ProcessTraffic:
     return processes.setdefault(name, ProcessTraffic())
 
 
-def check_process(name: str, process: ProcessTraffic, version: str, alive: bool) -> Iterator[Finding]:
+def check_process(
+    name: str, process: ProcessTraffic, version: str, alive: bool, *, is_fusion: bool = False
+) -> Iterator[Finding]:
     """State, newest frame and version of one process; `version`: of this labanmesh."""
-    yield _state(name, process, alive)
+    yield _state(name, process, alive, HEARS_NOBODY if is_fusion else LOOK)
     other = process.status.version if process.status else ""
     if other and version and other != version:
         what = f"{name}: labanmesh {other}, here it is {version}"
@@ -182,7 +185,8 @@ def relative_clock(skew_s: float) -> str:
     return f"{size} {'ahead of' if skew_s > 0 else 'behind'}"
 
 
-def _state(name: str, process: ProcessTraffic, alive: bool) -> Finding:
+def _state(name: str, process: ProcessTraffic, alive: bool, no_frames: str) -> Finding:
+    """no_frames: what to do where none arrive."""
     status, age_s = process.status, process.frame_age_s
     if status is None:
         return _stateless(name, process, alive)
@@ -194,13 +198,13 @@ def _state(name: str, process: ProcessTraffic, alive: bool) -> Finding:
     if not alive:
         return warning(GROUP, f"{what}; this is its last status, it is not alive", "start it again; see its log")
     if status.state == "degraded":
-        return warning(GROUP, what, LOOK)
+        return warning(GROUP, what, no_frames)
     if status.reason.startswith(STANDING_BY):
         return ok(GROUP, what)
     if status.state in ("starting", "stopping"):
         return warning(GROUP, what, "run doctor again in a moment; see its log")
     if age_s is not None and age_s > OLD_FRAME_S:
-        return warning(GROUP, f"{what}, and its newest frame is {age_s:.0f} s old", LOOK)
+        return warning(GROUP, f"{what}, and its newest frame is {age_s:.0f} s old", no_frames)
     rate = "" if status.rate_hz is None else f", {status.rate_hz:g} Hz"
     return ok(GROUP, f"{what}{rate}" + ("" if age_s is None else f", newest frame {age_s:.1f} s old"))
 

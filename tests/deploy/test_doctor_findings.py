@@ -292,7 +292,7 @@ def net(connection, endpoint=HERE, mode="machine", local=True, **more):
         (net(REFUSED), "ok", ["free; the fusion process will listen there"]),
         (net(REFUSED, unusable="permission denied"), "error", ["permission denied", "above 1023"]),
         (net(REFUSED, THERE, local=False), "error", ["not an address of this machine", 'mode = "router"']),
-        (net(REFUSED, mode="router"), "error", ["no router", "on this machine: labanmesh router tcp/0.0.0.0:7447"]),
+        (net(REFUSED, mode="router"), "error", ["no router", "on this machine: labanmesh router --scene SCENE"]),
         (net(REFUSED, THERE, "router", local=False), "error", ["no router", "on 10.0.0.9: labanmesh router"]),
         (net(Connection(fault="the name x is not known")), "error", ["not known", "name server"]),
         (net(REACHED, THERE, "router", zenoh_s=0.01), "warning", ["open in the network", "labanmesh secure init"]),

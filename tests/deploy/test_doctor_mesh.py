@@ -116,7 +116,10 @@ CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
     ("instead", "who", "mark", "words"),
     [
         ({CAM2: []}, {"observers": ("cam1", "cam3")}, "ok", ["cam1: running"]),
-        ({CAM2: [status("cam2", "degraded", reason="no frame for 9 s")]}, {}, "warning", ["cam2: degraded: no frame"]),
+        ({CAM2: [status("cam2", "degraded", reason="no frame for 9 s")]}, {}, "warning",
+         ["cam2: degraded: no frame", "what its camera delivers"]),
+        ({FUSION: [status("fusion", "degraded", reason="no frame for 9 s")]}, {}, "warning",
+         ["fusion: degraded: no frame", "it hears no observer"]),
         ({CAM2: [status("cam2", "failed", reason="BadInput: x")]}, {}, "error", ["cam2: failed: BadInput: x"]),
         ({CAM2: [status("cam2", "starting")]}, {}, "warning", ["cam2: starting", "in a moment"]),
         ({CAM2: [status("cam2", frame_ns=NOON - 7 * SECOND)]}, {}, "warning", ["cam2: running", "frame is 7 s old"]),

@@ -214,7 +214,7 @@ def closed_link():
 @pytest.mark.parametrize(
     ("fail", "line"),
     [
-        (no_router, "no router answers there; start it with `labanmesh router`"),
+        (no_router, "no router answers there; start it with `labanmesh router --scene SCENE`"),
         (endpoint_in_use, "already in use; stop what listens there or choose another port"),
         (closed_link, "closed"),
         *((lambda endpoint=endpoint: Link.open(MeshConfig(), "fusion", listen=[endpoint]), "cannot be used")
@@ -237,7 +237,9 @@ def test_a_client_says_what_it_waits_for_long_before_it_gives_up_and_ends_at_onc
         Link.open(mesh_without_router(), "hub", timeout_s=60, stop=StopWhenSaid())
     assert time.monotonic() - begun_s < SOON_S
     (line,) = caplog.messages
-    assert "no router answers there; start it with `labanmesh router`" in line and line.endswith("; trying for 60 s")
+    assert "no router answers there; start it with `labanmesh router --scene SCENE`" in line and line.endswith(
+        "; trying for 60 s"
+    )
 
 
 def test_a_link_may_be_closed_twice_and_wakes_a_waiting_loop(fusion):
