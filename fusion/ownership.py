@@ -22,7 +22,7 @@ The design: fusion.md, "Several services" and "Many scenes".
    because another service may be the owner by now. A service that knows of no other one goes on at once. One that
    stands by waits twice as long for the owner, which may have been stopped too, and then goes on whatever its rank.
 8. In a shared scene a service whose token appears after this one has started owns nothing yet. If all others started
-   later, this one listens for START_S only, as when all services were restarted together.
+   later, as when all services were restarted together, or there is none, this one listens for START_S.
 
 Times are seconds of a monotonic clock.
 """
@@ -37,7 +37,7 @@ EPOCHS_AHEAD = 1_000_000
 LEFT_S = 0.03
 """A lost connection takes the tokens of all others with it, a moment before it is known to be lost."""
 START_S = 0.3
-"""An owner is heard several times meanwhile, unless it is suspended, and then its token was there before."""
+"""So long after a start all tokens are known. An owner is heard several times meanwhile, unless it is suspended."""
 
 
 class Role(Enum):
@@ -94,8 +94,7 @@ class Ownership:
         gone, self._others = self._others - present, present
         self._has_met_others |= bool(present)
         # Tokens come back in any order after a lost connection (rule 6).
-        has_reconnected = now_s - self._disconnected_s < self._takeover_s
-        self._older = present if self._older is None or has_reconnected else self._older & present
+        self._older = present if self._older is None or self._has_reconnected(now_s) else self._older & present
         self._silent &= present
         if self.owner in gone:
             # Rule 3: the first of the others hardly waits.
@@ -193,10 +192,8 @@ class Ownership:
 
     def _listens_s(self, now_s: float) -> float:
         """How long the first in rank listens for an owner before it becomes the owner."""
-        if not self._others_may_exist(now_s):
-            return 0.0
-        all_started_later = self._others and not self._older and not self._ranked
-        return min(START_S, self._takeover_s) if all_started_later else self._takeover_s
+        others_may_own = self._older or self._ranked or self._has_reconnected(now_s)
+        return self._takeover_s if others_may_own else min(START_S, self._takeover_s)
 
     def _has_just_resumed(self, now_s: float) -> bool:
         """Whether this process was suspended lately (rule 7), for some takeover times."""
@@ -207,8 +204,11 @@ class Ownership:
 
         One that the scene file names, or that was known before this one lost its connection, may be out of reach.
         """
-        has_reconnected = self._has_met_others and now_s - self._disconnected_s < self._takeover_s
-        return bool(self._others) or len(self._ranked) > 1 or has_reconnected
+        return bool(self._others) or len(self._ranked) > 1 or self._has_reconnected(now_s)
+
+    def _has_reconnected(self, now_s: float) -> bool:
+        """Whether this service has lost its connection lately, and the tokens of others with it."""
+        return self._has_met_others and now_s - self._disconnected_s < self._takeover_s
 
     def _become_owner(self) -> None:
         self._was_owner = False

@@ -44,8 +44,6 @@ FRAME_SET_WAIT_S = 0.0003
 """The first of a frame set waits for the others at most this long."""
 FIND_S = 0.03
 """After it has subscribed to their tokens, a service knows in this time which others were there before it."""
-SETTLE_S = 0.3
-"""After opening a link it takes at most this long to know which services are alive."""
 ASK_CLOCKS_S = 60.0
 """Asking a thousand observers every second would cost as much as receiving their posteriors."""
 STATUS_EVERY_S = 1.0
@@ -81,8 +79,6 @@ def serve(
             if shared and stop.wait(FIND_S):
                 return
             server.join()
-            if shared and stop.wait(SETTLE_S):
-                return
             while not stop.is_set():
                 record(server.step())
                 supervisor.alive()

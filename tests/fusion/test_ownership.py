@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.ownership import EPOCHS_AHEAD, LEFT_S, Ownership, Role, rendezvous_rank
+from fusion.ownership import EPOCHS_AHEAD, LEFT_S, START_S, Ownership, Role, rendezvous_rank
 
 TAKEOVER_S = 0.5
 STEP_S = 0.1
@@ -269,7 +269,7 @@ def test_a_service_that_shares_scenes_listens_first_when_its_connection_is_back(
     assert [shared.update(n * STEP_S) is Role.OWNER for n in (30, 33, 35)] == [False, False, True]
     alone = Ownership("b", "dojo", (), TAKEOVER_S)
     alone.update(0.0, connected=lambda: False)
-    assert alone.update(STEP_S) is Role.OWNER
+    assert [alone.update(at_s) is Role.OWNER for at_s in (STEP_S, START_S)] == [False, True], "it met no other"
 
 
 def test_a_service_that_hears_no_observer_does_not_take_over_from_a_silent_owner(standby):
