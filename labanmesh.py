@@ -265,7 +265,7 @@ def _run(verb: str, words: Sequence[str]) -> int:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         # Typer names the parameter and the rule; the value is in what was typed.
         typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
-        example = _example(verb) if text.startswith("Missing ") else ""
+        example = _example(verb, error) if text.startswith("Missing ") else ""
         raise BadInput(f"{typed}: {text.rstrip('.')}{example}; see labanmesh {verb} --help") from None
     except SystemExit as ending:  # typer makes a status of 1 of a closed pipe
         raise ending.__context__ if isinstance(ending.__context__, BrokenPipeError) else ending from None
@@ -290,9 +290,11 @@ def _set_help(command: Any) -> None:  # noqa: ANN401 - the class of Typer is pri
         _set_help(sub_command)
 
 
-def _example(verb: str) -> str:
-    """The first example of a verb's help, as the middle of a line; "" for a verb with sub-verbs."""
-    examples = (VERBS[verb].load().__doc__ or "").partition("Example: ")[2].splitlines()
+def _example(verb: str, error: Any) -> str:  # noqa: ANN401 - the class of Typer is private
+    """The first example in the help of what was called, a verb or a sub-verb, as the middle of a line; "" without."""
+    context = getattr(error, "ctx", None)
+    text = (context and context.command.help) or VERBS[verb].load().__doc__ or ""
+    examples = text.partition("Example: ")[2].splitlines()
     return f", e.g. {examples[0]}" if examples and examples[0].startswith(f"labanmesh {verb} ") else ""
 
 

@@ -159,7 +159,11 @@ def list_(
 
     Example: labanmesh secure list scene.toml --json
     """
-    certificates = read_register(_folder(files, to) / REGISTER, read_scenes(files)).certificates
+    scenes = read_scenes(files)
+    certificates = read_register(_folder(files, to) / REGISTER, scenes).certificates
+    if not certificates and not json:
+        print(f"no certificate yet; the first: labanmesh secure add {_words(files)} {_machines(scenes)[0]}")
+        return
     print(json_text.dumps(as_rows(certificates, _now()), indent=1) if json else as_table(certificates, _now()))
 
 
@@ -223,7 +227,9 @@ def _print_next_step(authority: Authority, certificate: IssuedCertificate) -> No
     reached = f", reached as {', '.join(certificate.hosts)}" if certificate.hosts else ""
     print(f"{place}: certificate {certificate.common_name} for {roles}{reached}, until {expires:%Y-%m-%d}")
     target = f"{certificate.name}:FOLDER/{Path(authority.scenes[0].mesh.credentials or 'credentials').name}"
-    print(f"copy it as a whole to the machine {certificate.name}, beside its scene file: scp -rp {place} {target}")
+    # With -r a folder that is there already would get the new one inside it, and the old files would stay in use.
+    copy = f"scp -rp {place} {target}" if certificate.generation == 1 else f"scp -p {place}/* {target}/"
+    print(f"copy it as a whole to the machine {certificate.name}, beside its scene file: {copy}")
     _print_router_step(authority)
 
 

@@ -217,6 +217,8 @@ def router(
 
     Example: labanmesh router --scene scene.toml
     """
+    if endpoint and "/" not in endpoint:
+        raise BadInput(f"endpoint {endpoint!r}: PROTOCOL/HOST:PORT is expected, e.g. tcp/0.0.0.0:7447")
     if config is not None and (scene or endpoint):
         raise BadInput(f"--config {config}: it says itself where to listen; leave out ENDPOINT and --scene")
     log_to_stderr()

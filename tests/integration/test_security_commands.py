@@ -75,12 +75,21 @@ def test_for_a_scene_without_security_init_prints_what_to_write(tmp_path, capsys
     assert "rules without certificates have no effect" in capsys.readouterr().err
 
 
+def test_what_is_missing_is_shown_by_an_example_of_the_sub_verb_and_what_an_endpoint_is(scene, capsys):
+    assert main(["secure", "add", str(scene)]) == 2
+    assert "Missing argument 'SCENE', e.g. labanmesh secure add scene.toml attic --observer" in capsys.readouterr().err
+    assert main(["router", "attic"]) == 2
+    assert "endpoint 'attic': PROTOCOL/HOST:PORT is expected, e.g. tcp/0.0.0.0:7447" in capsys.readouterr().err
+
+
 def test_renewal_prints_the_next_step(secure):
     secure("init")
+    assert secure("list")[1].startswith("no certificate yet; the first: labanmesh secure add ")
     secure("add", "sofa")
     status, out, _ = secure("renew", "sofa")
     assert status == 0 and "sofa.2" in out and out.splitlines()[-1].endswith("sofa.1")
     assert out.splitlines()[-1].startswith("when it is in place: labanmesh secure revoke ")
+    assert "sofa.2/* sofa:FOLDER/credentials/" in out, "-r would put the new folder inside the old one"
     assert secure("revoke", "sofa.1")[1].startswith("revoked: sofa.1\n")
     states = [line.split()[3:5] for line in secure("list")[1].splitlines()[1:]]
     assert states == [["revoked", "365"], ["in", "force"]]
@@ -194,7 +203,7 @@ def test_a_router_that_cannot_be_secured_does_not_start(scene, secure, spoil, li
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("banana",), "endpoint 'banana': no Zenoh router configuration"),
+        (("banana",), "endpoint 'banana': PROTOCOL/HOST:PORT is expected"),
         (("--config", "nowhere.json5"), "nowhere.json5: no such file or directory; `labanmesh secure rules SCENE`"),
         (("tcp/127.0.0.1:1", "--config", "x"), "says itself where to listen"),
     ],
