@@ -6,9 +6,9 @@ before. Nobody moves, but the messages are real.
 """
 
 import time
-from collections import Counter
 from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
+from itertools import pairwise
 
 import msgpack
 import numpy as np
@@ -17,7 +17,7 @@ from common import SECOND_NS
 from common.keys import SceneKeys
 from common.link import Link, Publisher
 from common.messages import PosteriorMessage, VocabularyReference
-from common.vocabulary import Vocabulary
+from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import encode
 
 NAMES = Vocabulary(tuple(f"movement_{n}" for n in range(20)), "crowd")
@@ -93,8 +93,8 @@ def templates(scene: str, label: str | None) -> list[PosteriorTemplate]:
 class CrowdCounts:
     """Counts of a run. ages_s: age of the newest frame in each judgement when it arrives.
 
-    done: by scene, the labels of the movements that are over; ended: those of the ended verdicts; endings: how often
-    each verdict id ended. late_s: the crowd's own greatest delay.
+    done: by scene, the labels of the movements that are over; ended: those of the ended verdicts; endings: by verdict
+    id, the labels with which it ended. late_s: the crowd's own greatest delay.
     """
 
     put: int = 0
@@ -102,7 +102,7 @@ class CrowdCounts:
     ages_s: list[float] = field(default_factory=list)
     done: dict[str, list[str]] = field(default_factory=dict)
     ended: dict[str, list[str]] = field(default_factory=dict)
-    endings: Counter[str] = field(default_factory=Counter)
+    endings: dict[str, list[str]] = field(default_factory=dict)
     late_s: float = 0.0
 
     @property
@@ -117,8 +117,17 @@ class CrowdCounts:
 
     @property
     def doubled(self) -> int:
-        """Endings published more than once."""
-        return sum(count - 1 for count in self.endings.values())
+        """Verdicts with two ends, and movements with two verdicts: neighbours have different labels."""
+        neighbours = (pairwise(labels) for labels in self.ended.values())
+        under_two_ids = sum(a == b != ABSTAIN for pairs in neighbours for a, b in pairs)
+        return under_two_ids + sum(len(labels) - 1 for labels in self.endings.values())
+
+    def record_end(self, scene: str, verdict_id: str, label: str) -> None:
+        """Count the end of a verdict; one that is sent again is ignored, as hubs do."""
+        labels = self.endings.setdefault(verdict_id, [])
+        if label not in labels:
+            labels.append(label)
+            self.ended.setdefault(scene, []).append(label)
 
 
 class Crowd:
@@ -193,8 +202,7 @@ class Crowd:
         for arrival in self._verdicts.take(0):
             verdict = msgpack.unpackb(arrival.payload)
             if verdict["ended_ns"] is not None:
-                self.counts.endings[verdict["id"]] += 1
-                self.counts.ended.setdefault(verdict["scene"], []).append(verdict["label"])
+                self.counts.record_end(verdict["scene"], verdict["id"], verdict["label"])
 
 
 def _common(done: list[str], ended: list[str]) -> int:

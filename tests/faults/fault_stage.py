@@ -262,6 +262,8 @@ def tally(performed, verdicts):
     labels, stages, spans = {}, {}, {}
     for verdict in verdicts:
         name, ended = verdict["id"], verdict["ended_ns"]
+        if stages.get(name, [""])[-1] == verdict["stage"] and labels[name] == verdict["label"]:
+            continue  # sent again after a lost connection: hubs ignore the second of two equal verdicts
         labels[name] = verdict["label"]
         stages.setdefault(name, []).append(verdict["stage"])
         spans[name] = (verdict["began_ns"], ended or verdict["decided_ns"])
