@@ -1,6 +1,9 @@
 """Probability vectors over movements: normalising, entropy, tempering, compact facings. Pure functions on arrays."""
 
 import math
+import struct
+from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +27,16 @@ SURPRISE_LIMIT = 255
 def uniform(size: int) -> Floats:
     """(M,) the uniform distribution, the posterior of an observer that has seen nothing."""
     return np.full(size, 1.0 / size)
+
+
+def array_of(values: Sequence[float]) -> Floats:
+    """(M,) a list of floats, read-only; in half the time of `np.array`."""
+    return np.frombuffer(_doubles(len(values)).pack(*values))
+
+
+@cache
+def _doubles(size: int) -> struct.Struct:
+    return struct.Struct(f"{size}d")
 
 
 def softmax(log_p: Floats) -> Floats:

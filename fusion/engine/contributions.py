@@ -43,5 +43,6 @@ def contributions(case: PoolingCase, label: int | None) -> dict[str, Contributio
 
 def _log_odds(answers: Floats, answer: int) -> float:
     """Nats, of an answer against the likeliest other one."""
-    best_other = float(np.delete(answers, answer).max())
-    return math.log(max(float(answers[answer]), SMALLEST)) - math.log(max(best_other, SMALLEST))
+    others = answers.tolist()
+    own = others.pop(answer)
+    return math.log(max(own, SMALLEST)) - math.log(max(*others, SMALLEST))

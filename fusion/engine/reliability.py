@@ -153,11 +153,15 @@ def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabu
             gain = math.log((1.0 - BLUR) * len(answers) * float(answers[label]) + BLUR)
             evidence[name] = min(max(evidence.get(name, 0.0) + gain, LEAST_EVIDENCE), MOST_EVIDENCE)
     times, distance = _decayed(reliability.times), _decayed(reliability.distance)
-    for (one, p), (two, q) in combinations(sorted(votes.items()), 2):
+    # (N, M) -> (N, N), of all pairs at once.
+    voters = sorted(votes)
+    distances = log_distance(np.array([votes[name] for name in voters]) * size).tolist() if len(voters) > 1 else []
+    for (n, one), (k, two) in combinations(enumerate(voters), 2):
+        p, q = votes[one], votes[two]
         weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNCERTAIN_MASS)
         pair = f"{one} {two}"
         times[pair] = times.get(pair, 0.0) + weight
-        distance[pair] = distance.get(pair, 0.0) + weight * float(log_distance(np.array([p, q]) * size)[0, 1])
+        distance[pair] = distance.get(pair, 0.0) + weight * distances[n][k]
     return Reliability(right, claimed, times, distance, verdict.id, evidence)
 
 

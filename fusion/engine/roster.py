@@ -33,7 +33,7 @@ import numpy as np
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
-from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
+from common.probability import Floats, Surprise, array_of, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, freshness_after
 from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap, steady_enough
@@ -257,8 +257,7 @@ class Roster:
     def _over_our_prior(self, message: PosteriorMessage) -> Floats:
         """(M,) the posterior of `message` under the prior of the scene."""
         # Its sum was checked on arrival to be nearly 1.
-        p = np.array(message.p)
-        p /= sum(message.p)
+        p = array_of(message.p) / sum(message.p)
         if message.prior is None:
             return p
         # Bayes: the likelihood of the frames is p over the observer's own prior; our prior replaces that.
