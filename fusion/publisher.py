@@ -177,11 +177,15 @@ class VerdictPublisher:
         if judgement is not None:
             self._judgements.put(judgement)
 
-    def repeat_verdicts(self, since_s: float) -> None:
-        """Send again what was sent since then, of each movement the last; listeners ignore the second of two equal."""
+    def repeat_verdicts(self, since_s: float, now_s: float) -> None:
+        """Send again what was sent since then, of each movement the last; listeners ignore the second of two equal.
+
+        What is sent again now may be lost, too.
+        """
         last = {movement_id: payload for sent_s, movement_id, payload in self._sent if sent_s >= since_s}
-        for payload in last.values():
+        for movement_id, payload in last.items():
             self._verdicts.put(payload)
+            self._sent.append((now_s, movement_id, payload))
 
     @property
     def at_rest(self) -> bool:

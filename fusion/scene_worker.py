@@ -199,7 +199,8 @@ class SceneWorker:
         lost (reconciliation.py). Returns whether nothing is left to publish; to be called at every step.
         """
         is_reachable = self._scene.mesh.mode != "router" or self._is_reachable()
-        self._publisher.repeat_verdicts(self._reachable.lost_from(self._ticks()))
+        now_s = self._ticks()
+        self._publisher.repeat_verdicts(self._reachable.lost_from(now_s), now_s)
         if self._unreconciled is None:
             return is_reachable
         now_ns = self._clock()

@@ -85,7 +85,8 @@ def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played
     assert events[2:] == [("north", "judgement"), ("south", "judgement")]
 
 
-def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played):
+@pytest.mark.parametrize(("since_s", "again"), [(0.0, [1, 2]), (2.0, [2]), (math.inf, [])])
+def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played, since_s, again):
     """A listener would take a decision that follows its movement's end for a new one."""
     (scene, judgement), sent = played, []
     publisher = SimpleNamespace(put=sent.append, has_subscriber=False)
@@ -93,12 +94,11 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
     owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None, put=lambda *_: None)
     for at_s, verdict in enumerate(scene.verdicts[:3]):
         owner.publish([verdict], judgement, float(at_s))
-    decided, ended, next_decided = (encode(verdict) for verdict in scene.verdicts[:3])
-    for since_s, again in ((0.0, [ended, next_decided]), (2.0, [next_decided]), (math.inf, [])):
+    expected = [encode(scene.verdicts[n]) for n in again]
+    for lost_from_s, now_s in ((since_s, 3.0), (2.5, 4.0)):
         sent.clear()
-        owner.repeat_verdicts(since_s)
-        assert sent == again
-    assert decided not in sent
+        owner.repeat_verdicts(lost_from_s, now_s)
+        assert sent == expected, "what was sent again may be lost again"
 
 
 def test_a_verdict_that_the_owner_sends_again_is_known_and_the_next_one_is_not(played):
