@@ -6,6 +6,7 @@ A verdict is published before the judgement that it came from: a service that ta
 import logging
 from collections import deque
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from common.keys import SceneKeys
 from common.messages import JudgementMessage, VerdictMessage
@@ -19,6 +20,8 @@ VERDICTS_LIMIT = 10
 """Late joiners receive this many of the last verdicts."""
 DETECTION_S = 0.5
 """A link may have been down for so long before this process noticed; what it sent meanwhile may be lost."""
+REPEATS_LIMIT = 5
+"""A verdict is sent again this many times at most: where observers publish once a second, each silence is a gap."""
 SILENCE_S = 0.6
 """A router that is frozen for so long drops messages; a posterior of the slowest observer comes after 0.5 s."""
 RECONNECTION_S = 0.3
@@ -53,6 +56,16 @@ class JudgementBatch:
             publisher.put(payload)
 
 
+@dataclass(frozen=True, slots=True)
+class _Sent:
+    """A verdict that was sent. at_s: when, of a monotonic clock. repeats: how often it was sent before."""
+
+    at_s: float
+    movement_id: str
+    payload: bytes
+    repeats: int = 0
+
+
 class VerdictPublisher:
     """Publishes the judgements and verdicts of one scene while it is the owner's, and answers queries for them.
 
@@ -82,7 +95,7 @@ class VerdictPublisher:
         self._judgement_payload: bytes | None = None
         self._verdict_payloads: tuple[bytes, ...] = ()
         self._published: deque[tuple[str, str, int]] = deque(maxlen=PUBLISHED_LIMIT)
-        self._sent: deque[tuple[float, str, bytes]] = deque(maxlen=VERDICTS_LIMIT)
+        self._sent: deque[_Sent] = deque(maxlen=VERDICTS_LIMIT)
         self.answers = False
         """Whether queries are answered: by the owner alone."""
         session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
@@ -119,7 +132,7 @@ class VerdictPublisher:
     def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes], now_s: float) -> None:
         for verdict, payload in zip(verdicts, payloads, strict=True):
             self._verdicts.put(payload)
-            self._sent.append((now_s, verdict.id, payload))
+            self._sent.append(_Sent(now_s, verdict.id, payload))
             _log(verdict)
 
     def close(self, verdict: VerdictMessage) -> None:
@@ -182,10 +195,11 @@ class VerdictPublisher:
 
         What is sent again now may be lost, too.
         """
-        last = {movement_id: payload for sent_s, movement_id, payload in self._sent if sent_s >= since_s}
-        for movement_id, payload in last.items():
-            self._verdicts.put(payload)
-            self._sent.append((now_s, movement_id, payload))
+        last = {sent.movement_id: sent for sent in self._sent if sent.at_s >= since_s}
+        for sent in last.values():
+            if sent.repeats < REPEATS_LIMIT:
+                self._verdicts.put(sent.payload)
+                self._sent.append(replace(sent, at_s=now_s, repeats=sent.repeats + 1))
 
     @property
     def at_rest(self) -> bool:

@@ -9,7 +9,7 @@ from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 from common.keys import SceneKeys
 from common.messages import VerdictMessage
 from common.wire import decode, encode
-from fusion.publisher import VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
+from fusion.publisher import REPEATS_LIMIT, VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
 
 
 @pytest.fixture(scope="module")
@@ -95,10 +95,10 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
     for at_s, verdict in enumerate(scene.verdicts[:3]):
         owner.publish([verdict], judgement, float(at_s))
     expected = [encode(scene.verdicts[n]) for n in again]
-    for lost_from_s, now_s in ((since_s, 3.0), (2.5, 4.0)):
+    for repeat in range(REPEATS_LIMIT + 1):
         sent.clear()
-        owner.repeat_verdicts(lost_from_s, now_s)
-        assert sent == expected, "what was sent again may be lost again"
+        owner.repeat_verdicts(since_s if repeat == 0 else 2.5 + repeat, 3.0 + repeat)
+        assert sent == (expected if repeat < REPEATS_LIMIT else []), "what was sent again may be lost again"
 
 
 def test_a_verdict_that_the_owner_sends_again_is_known_and_the_next_one_is_not(played):
