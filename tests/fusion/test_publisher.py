@@ -97,7 +97,7 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
     expected = [encode(scene.verdicts[n]) for n in again]
     for repeat in range(REPEATS_LIMIT + 1):
         sent.clear()
-        owner.repeat_verdicts(since_s if repeat == 0 else 2.5 + repeat, 3.0 + repeat)
+        owner.repeat_verdicts(since_s if repeat == 0 else 1.5 + repeat, 3.0 + repeat)
         assert sent == (expected if repeat < REPEATS_LIMIT else []), "what was sent again may be lost again"
 
 
