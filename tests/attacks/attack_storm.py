@@ -6,8 +6,8 @@ A killed process is started again within a second, as systemd would. What was pe
 import threading
 import time
 from dataclasses import dataclass, field
-from itertools import pairwise
 
+from fault_hearing import is_unheard
 from fault_stage import SECOND_NS, SERVICES, SETTLE_S, VIEWS
 
 from common.vocabulary import ABSTAIN
@@ -23,10 +23,6 @@ KINDS = {
 PAUSE_S, AWAY_S, FROZEN_S = (1.0, 3.0), (0.0, 1.0), (0.2, 1.5)
 FREEZES = 0.25
 """The share of faults that freeze a process in place of killing it."""
-DEAF_SHARE = 0.3
-"""A movement of which this share was heard by nobody may be lost."""
-DEAF_S = 0.5
-"""Judgements further apart than this, or without a vote, are no hearing."""
 QUORUM = 2
 """Votes that a label needs; three observers have this quorum."""
 
@@ -69,7 +65,7 @@ FAULTS = ("lost", "unheard", "wrong", "doubled", "unended")
 class Aftermath:
     """What became of the movements: their numbers, and the ids of verdicts without an end.
 
-    few: those among the lost of which DEAF_SHARE was heard by fewer observers than the quorum.
+    few: those among the lost of which too much was heard by fewer observers than the quorum.
     """
 
     movements: int
@@ -99,7 +95,7 @@ class Aftermath:
 def aftermath(performed, judgements, verdicts):
     """Compares the verdicts that a witness received with what was performed."""
     words = _words(verdicts)
-    result, deaf, few = Aftermath(len(performed)), _deaf(judgements), _deaf(judgements, QUORUM)
+    result = Aftermath(len(performed))
     ids = [[] for _ in performed]
     for name, word in words.items():
         shares = [min(word["end"], one.ended_ns) - max(word["began"], one.began_ns) for one in performed]
@@ -110,8 +106,6 @@ def aftermath(performed, judgements, verdicts):
     result.unended = [name for name, word in words.items() if not word["ended"] and word["end"] < _last(performed)]
     for number, (movement, names) in enumerate(zip(performed, ids, strict=True)):
         labels = {words[name]["label"] for name in names} - {ABSTAIN}
-        length_ns = movement.ended_ns - movement.began_ns
-        is_unheard = _overlap(deaf, movement) > DEAF_SHARE * length_ns
         repeated = any(len(words[name]["stages"]) != len(set(words[name]["stages"])) for name in names)
         if len([name for name in names if words[name]["label"] != ABSTAIN]) > 1 or repeated:
             result.doubled.append((number, names))
@@ -120,8 +114,9 @@ def aftermath(performed, judgements, verdicts):
         elif labels:
             result.right += 1
         else:
-            (result.unheard if is_unheard else result.lost).append((number, movement.label))
-            if not is_unheard and _overlap(few, movement) > DEAF_SHARE * length_ns:
+            unheard = is_unheard(movement, judgements)
+            (result.unheard if unheard else result.lost).append((number, movement.label))
+            if not unheard and is_unheard(movement, judgements, QUORUM):
                 result.few.append(number)
     return result
 
@@ -150,17 +145,6 @@ def _words(verdicts):
             word["stages"].append(said)
         word["ended"] = word["ended"] or verdict["ended_ns"] is not None
     return words
-
-
-def _deaf(judgements, least=1):
-    """Spans in which no judgement with so many observers' votes reached a listener."""
-    heard = [one["at_ns"] for one in judgements if one["agreement"]["n"] >= least]
-    bounds = [one["at_ns"] for one in (*judgements[:1], *judgements[-1:])]
-    return [(a, b) for a, b in pairwise([*bounds[:1], *heard, *bounds[1:]]) if b - a > DEAF_S * SECOND_NS]
-
-
-def _overlap(spans, movement):
-    return sum(max(min(b, movement.ended_ns) - max(a, movement.began_ns), 0) for a, b in spans)
 
 
 def settle(stage, witness):

@@ -1,6 +1,10 @@
 """How verdicts are compared with what was performed."""
 
+import pytest
+from fault_hearing import is_unheard
 from fault_stage import Movement, tally
+
+from common import SECOND_NS
 
 WAVE = Movement("wave", 1000, 2000)
 
@@ -27,3 +31,12 @@ def test_two_ids_or_two_decisions_are_faults():
     assert faults(verdict("decided"), verdict("decided", "clap"), verdict("ended")) == [
         "was published as ['decided', 'decided', 'ended']"
     ]
+
+
+@pytest.mark.parametrize(("away_s", "unheard"), [((), False), ((0.0, 0.9), False), ((1.0, 2.3), True)])
+def test_a_movement_is_unheard_when_a_third_of_it_has_no_vote(away_s, unheard):
+    movement = Movement("wave", 0, 3 * SECOND_NS)
+    votes = {n: 0 if away_s and away_s[0] <= n / 10 < away_s[1] else 3 for n in range(-10, 50)}
+    judgements = [{"at_ns": n * SECOND_NS // 10, "agreement": {"n": count}} for n, count in votes.items()]
+    assert is_unheard(movement, judgements) is unheard
+    assert is_unheard(movement, judgements, least=4)
