@@ -37,10 +37,12 @@ from benchmarks.posteriors import NAMES, engine_of, message, random_posteriors, 
 from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, free_port, row
 from common.config import FusionConfig, MeshConfig
 from common.errors import LabanmeshError
+from common.keys import SceneKeys
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage
+from common.posterior_decoder import PosteriorDecoder
 from common.probability import uniform
-from common.wire import decode, encode
+from common.wire import encode
 from fusion.engine.rules import RULES
 from studies.fusion_engine import FusionEngine
 
@@ -67,7 +69,14 @@ def pace_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> list[BenchmarkR
         summed: bytes = msgpack.packb((weights @ p).tolist())
         return summed
 
-    whole = _repeated(payloads, lambda engine, now_ns, own: encode(_judgement(engine, now_ns, _decoded(own))))
+    keys = SceneKeys(scene_of(OBSERVERS).scene)
+    decoders = [PosteriorDecoder(keys.posterior(f"cam{n + 1}")) for n in range(OBSERVERS)]
+
+    def judged_bytes(engine: FusionEngine, now_ns: int, own: Sequence[bytes]) -> bytes:
+        messages = [decoder.decode(payload) for decoder, payload in zip(decoders, own, strict=True)]
+        return encode(_judgement(engine, now_ns, messages))
+
+    whole = _repeated(payloads, judged_bytes)
     name = f"fusion step, {OBSERVERS} observers"
     judging = _repeated(steps, _judgement)
     return [
@@ -102,10 +111,6 @@ def _steps() -> list[tuple[int, Sequence[PosteriorMessage]]]:
         (at_ns + AGE_NS, [message(f"cam{n + 1}", seq, at_ns, p[seq, n]) for n in range(OBSERVERS)])
         for seq, at_ns in enumerate(times_ns)
     ]
-
-
-def _decoded(payloads: Sequence[bytes]) -> list[PosteriorMessage]:
-    return [decode(PosteriorMessage, payload) for payload in payloads]
 
 
 def _judgement(engine: FusionEngine, now_ns: int, messages: Sequence[PosteriorMessage]) -> JudgementMessage:
