@@ -10,6 +10,7 @@ Rules of `SendOnChange`:
    stale.
 """
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -22,12 +23,11 @@ from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset, end_movement
 from observer.model.posterior_calibration import calibrated_posterior
+from observer.motion.even_rate import INTERVALS, is_bridged
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 TINY = 1e-300
 """Divisor for movements that have no probability."""
-LONGEST_BRIDGE_S = 0.25
-"""Over gaps up to this length a body part is taken to move in a straight line; over longer ones it is not seen."""
 LONGEST_GAP_S = 3.0
 """A longer gap counts as this long: by then the filter has forgotten all that it can forget."""
 
@@ -56,7 +56,8 @@ class Resampler:
     """Resamples tracks from any frame times to a model's fixed rate, by linear interpolation.
 
     The model therefore sees the same motion from a faster camera, a slower one, or one that drops frames. There is no
-    delay: each instant is returned with the first frame at or after it.
+    delay: each instant is returned with the first frame at or after it. Over a gap that is too long for the camera's
+    rate (`observer.motion.even_rate.is_bridged`) nothing is seen.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -65,6 +66,7 @@ class Resampler:
         self._begin_ns = 0
         self._count = 0
         self._previous: tuple[int, Floats] | None = None
+        self._gaps_s: deque[float] = deque(maxlen=INTERVALS)
 
     def update(self, at_ns: int, tracks: Tracks) -> list[Tracks]:
         """The instants after the previous frame, up to this frame at `at_ns`: any number of tracks (P, 2).
@@ -83,7 +85,9 @@ class Resampler:
         first = max(self._count, count - round(LONGEST_GAP_S * SECOND_NS / self._period_ns))
         self._count = max(count, self._count)
         newest = (at_ns, tracks.centres)
-        return [Tracks(_interpolate(previous, newest, self._instant_ns(i))) for i in range(first, count)]
+        self._gaps_s.append((at_ns - previous[0]) / SECOND_NS)
+        bridged = is_bridged(self._gaps_s)
+        return [Tracks(_interpolate(previous, newest, self._instant_ns(i), bridged)) for i in range(first, count)]
 
     def restart(self) -> None:
         """The next frame shows another motion: nothing lies between it and the previous one."""
@@ -93,9 +97,9 @@ class Resampler:
         return self._begin_ns + round(i * self._period_ns)
 
 
-def _interpolate(previous: tuple[int, Floats], newest: tuple[int, Floats], instant_ns: int) -> Floats:
+def _interpolate(previous: tuple[int, Floats], newest: tuple[int, Floats], instant_ns: int, bridged: bool) -> Floats:
     share = (instant_ns - previous[0]) / (newest[0] - previous[0])
-    if newest[0] - previous[0] > LONGEST_BRIDGE_S * SECOND_NS:
+    if not bridged:
         return newest[1] if share >= 1 else np.full_like(newest[1], np.nan)
     nearer = newest[1] if share > 0.5 else previous[1]
     mixed = (1 - share) * previous[1] + share * newest[1]

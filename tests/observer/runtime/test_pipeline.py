@@ -280,6 +280,21 @@ def test_nothing_is_seen_in_a_gap_and_a_long_gap_is_cut_short():
     assert len(resampler.update(round(1000.1 * SECOND_NS), at(1000.1))) == 1
 
 
+@pytest.mark.parametrize("camera_hz", [2, 3, 4])
+def test_a_slow_camera_shows_motion_between_its_own_frames(camera_hz):
+    times = np.arange(12) / camera_hz
+    instants = [bool(i.visible[0]) for i in resampled(10.0, times)]
+    known = round(10 * times[5])
+    assert all(instants[known:]), "its interval is known by then"
+
+
+@pytest.mark.parametrize(("camera_hz", "away_s"), [(30, 0.3), (8, 0.3), (4, 0.5), (3, 0.6), (2, 0.9), (1, 1.0)])
+def test_nothing_is_seen_while_a_camera_is_away_for_longer_than_its_own_interval(camera_hz, away_s):
+    before = np.arange(20) / camera_hz
+    instants = resampled(10.0, [*before, before[-1] + away_s])
+    assert not any(i.visible[0] for i in instants[round(10 * before[-1]) + 1 : -1])
+
+
 def test_a_part_seen_in_one_of_two_frames_is_seen_near_that_one():
     resampler = Resampler(10)
     resampler.update(0, Tracks(np.full((1, 2), np.nan)))
