@@ -64,7 +64,7 @@ REFRESH_S = 0.25
 
 
 @dataclass(slots=True)
-class _Witness:
+class _Voter:
     """One observer's side, when it changed it (newest last), its information, and what was gained on each side.
 
     Times are those of capture, by our clock. captured_ns: of its newest frame. before_ns: of the last frame before each
@@ -102,7 +102,7 @@ class _Witness:
             self.right = self.right * decay + gain * (1.0 - posterior.rest)
             self.wrong = self.wrong * decay + gain * posterior.rest
 
-    def compare(self, others: Sequence["_Witness"], at_ns: int, seconds: float) -> None:
+    def compare(self, others: Sequence["_Voter"], at_ns: int, seconds: float) -> None:
         """Note the side that it was on at `at_ns`, beside the others, for so long (3, 4)."""
         after = bisect_right(self.changed_ns, at_ns)
         if after < len(self.changed_ns):
@@ -147,7 +147,7 @@ class _Witness:
         """How often it has changed sides."""
         return len(self.changed_ns) - bisect_right(self.changed_ns, since_ns)
 
-    def calmness(self, now_ns: int, others: Sequence["_Witness"] = ()) -> float:
+    def calmness(self, now_ns: int, others: Sequence["_Voter"] = ()) -> float:
         """1, or less if it changes sides too often, also beside the others (1)."""
         fewest, longest_ns = CHANGES_LIMIT[0], round(WINDOWS_S[-1] * SECOND_NS)
         if len(self.changed_ns) <= fewest or self.changed_ns[-1 - fewest] <= now_ns - longest_ns:
@@ -161,14 +161,14 @@ class _Witness:
             calmness *= 1.0 if changes <= most else (most / changes) ** 3
         return calmness
 
-    def watch(self, name: str, other: "_Witness") -> None:
+    def watch(self, name: str, other: "_Voter") -> None:
         """Note whether its newest frame shows that it missed a change of another (2)."""
         missed = self.missed.get(name)
         if missed is None:
             missed = self.missed[name] = _MissedChanges(other.stay_at(self.captured_ns)[0])
         missed.look(other, self.captured_ns)
 
-    def liveliness(self, others: Mapping[str, "_Witness"], now_ns: int) -> tuple[float, float]:
+    def liveliness(self, others: Mapping[str, "_Voter"], now_ns: int) -> tuple[float, float]:
         """Half for each change of the others that it has not made, and that it has missed, if it is no timing (2)."""
         last_ns, until_ns = self.changed_ns[-1] if self.changed_ns else None, self.captured_ns
         patience_s, allowed = (MET_S, 0) if last_ns is None else (STUCK_S, MISSED)
@@ -195,7 +195,7 @@ class _MissedChanges:
     count: int = 0
     first_ns: int = 0
 
-    def look(self, other: _Witness, at_ns: int) -> None:
+    def look(self, other: _Voter, at_ns: int) -> None:
         """A frame of the observer, captured at `at_ns`, shows no change."""
         rests, began_ns, last_ns = other.stay_at(at_ns)
         if rests == self.rests or min(last_ns, at_ns) - began_ns < STAYED_S * SECOND_NS:
@@ -214,7 +214,7 @@ class RestTrust:
         """Whether two observers contradict each other, and nothing shows which of them is wrong."""
         self.reliability: Mapping[str, float] = {}
         """Mean trust in the observers lately, of those below RELIABLE."""
-        self._witnesses: dict[str, _Witness] = {}
+        self._voters: dict[str, _Voter] = {}
         self._sides: list[bool | None] = []
         self._names: list[str] = []
         self._trust: list[float] = []
@@ -227,7 +227,7 @@ class RestTrust:
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
             return self._trust
         if elapsed_ns < 0:
-            self._witnesses.clear()
+            self._voters.clear()
         self._now_ns = now_ns
         # Until now the sides were those of the last update.
         seconds = min(max(elapsed_ns / SECOND_NS, 0.0), 1.0)
@@ -235,9 +235,9 @@ class RestTrust:
         sighted = [posterior for posterior, side in zip(posteriors, sides, strict=True) if side is not None]
         for posterior in sighted:
             name = posterior.observer
-            if name not in self._witnesses:
-                self._witnesses[name] = _Witness(posterior.rest >= 0.5, posterior.information, now_ns)
-            self._witnesses[name].note(posterior, now_ns)
+            if name not in self._voters:
+                self._voters[name] = _Voter(posterior.rest >= 0.5, posterior.information, now_ns)
+            self._voters[name].note(posterior, now_ns)
         self._sides, self._names = sides, [posterior.observer for posterior in sighted]
         self._watch()
         both = {posterior.observer: self._trust_in(posterior.observer, now_ns) for posterior in posteriors}
@@ -248,47 +248,47 @@ class RestTrust:
     def _watch(self) -> None:
         """Note which changes of the others each observer has missed."""
         for name, other in permutations(self._names, 2):
-            self._witnesses[name].watch(other, self._witnesses[other])
+            self._voters[name].watch(other, self._voters[other])
 
     def _compare(self, last_ns: int, seconds: float) -> None:
         """Compare the sides since the last update: of `last_ns`, or of the oldest frame if that came late."""
-        at_ns = min((self._witnesses[name].captured_ns for name in self._names if name in self._witnesses), default=0)
+        at_ns = min((self._voters[name].captured_ns for name in self._names if name in self._voters), default=0)
         at_ns = last_ns if last_ns - at_ns < LATE_S * SECOND_NS else at_ns
-        for witness, others in self._pairings():
-            witness.compare(others, at_ns, seconds)
+        for voter, others in self._pairings():
+            voter.compare(others, at_ns, seconds)
 
-    def _pairings(self) -> Iterator[tuple[_Witness, list[_Witness]]]:
+    def _pairings(self) -> Iterator[tuple[_Voter, list[_Voter]]]:
         """Each observer that sees the person, with the others that do, if there are any."""
-        sighted = [self._witnesses[name] for name in self._names if name in self._witnesses]
-        for witness in sighted if len(sighted) > 1 else ():
-            yield witness, [other for other in sighted if other is not witness]
+        sighted = [self._voters[name] for name in self._names if name in self._voters]
+        for voter in sighted if len(sighted) > 1 else ():
+            yield voter, [other for other in sighted if other is not voter]
 
     def _trust_in(self, observer: str, now_ns: int) -> tuple[float, float]:
         """The trust in its side, and that of which its reliability is the mean."""
-        witness = self._witnesses.get(observer)
-        others = {name: self._witnesses[name] for name in self._names if name != observer}
-        if witness is None or not others:
+        voter = self._voters.get(observer)
+        others = {name: self._voters[name] for name in self._names if name != observer}
+        if voter is None or not others:
             return 1.0, 1.0
-        not_made, missed = witness.liveliness(others, now_ns)
-        trust = witness.calmness(now_ns, list(others.values())) * (1.0 - _excess(witness.dissent))
+        not_made, missed = voter.liveliness(others, now_ns)
+        trust = voter.calmness(now_ns, list(others.values())) * (1.0 - _excess(voter.dissent))
         if len(others) == 1:
-            behind = max(next(iter(others.values())).evidence - witness.evidence, 0.0)
-            trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))
+            behind = max(next(iter(others.values())).evidence - voter.evidence, 0.0)
+            trust *= math.exp(-EVIDENCE * behind * _excess(voter.contradiction))
         return max(trust * not_made, LEAST_TRUST), max(trust * missed, LEAST_TRUST)
 
     def _is_contested(self, trust: Mapping[str, tuple[float, float]]) -> bool:
         if len(self._names) != 2:
             return False
-        contradiction = min(self._witnesses[name].contradiction for name in self._names)
+        contradiction = min(self._voters[name].contradiction for name in self._names)
         low, high = sorted(trust[name][0] for name in self._names)
         return _excess(contradiction) >= CONTESTED and low >= UNDECIDED * high
 
     def _reliability(self, trust: Mapping[str, tuple[float, float]], seconds: float) -> dict[str, float]:
         share = 1.0 - math.exp(-seconds / RELIABILITY_S)
         for name in self._names:
-            witness = self._witnesses[name]
-            witness.reliability += (trust[name][1] - witness.reliability) * share
-        return {name: round(w.reliability, 3) for name, w in self._witnesses.items() if w.reliability < RELIABLE}
+            voter = self._voters[name]
+            voter.reliability += (trust[name][1] - voter.reliability) * share
+        return {name: round(v.reliability, 3) for name, v in self._voters.items() if v.reliability < RELIABLE}
 
 
 def _excess(dissent: float) -> float:
