@@ -1,7 +1,8 @@
 """Tracks at any times, live or from a file, brought to an even rate as an observer's model sees them. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,20 +16,17 @@ LONGEST_BRIDGE_S = 0.25
 BRIDGED_INTERVALS, WIDEST_BRIDGE_S = 1.5, 0.75
 """A slow camera's bridge follows its own interval, up to 2 Hz; a gap longer than that is no single picture late."""
 INTERVALS, LEAST_INTERVALS = 8, 4
-"""The interval is the median of the last eight gaps; fewer than four show none."""
+"""The interval is the median of the last eight gaps in which somebody was seen; fewer than four show none."""
 
 
-def longest_bridge_s(gaps_s: Sequence[float]) -> float:
-    """Over which gap motion is interpolated. gaps_s: the last INTERVALS, the one in question included."""
-    if len(gaps_s) < LEAST_INTERVALS:
-        return LONGEST_BRIDGE_S
-    interval_s = float(np.median(gaps_s))
-    return min(max(LONGEST_BRIDGE_S, BRIDGED_INTERVALS * interval_s), WIDEST_BRIDGE_S)
+def usual_interval_s(gaps_s: Collection[float]) -> float:
+    """The interval of a camera's frames. gaps_s: the last INTERVALS between two frames that both show somebody."""
+    return 0.0 if len(gaps_s) < LEAST_INTERVALS else median(gaps_s)
 
 
-def is_bridged(gaps_s: Sequence[float]) -> bool:
-    """Whether motion is interpolated over the last of these gaps; gaps_s: as in `longest_bridge_s`."""
-    return gaps_s[-1] <= LONGEST_BRIDGE_S or gaps_s[-1] <= longest_bridge_s(gaps_s)
+def is_bridged(gap_s: float, interval_s: float) -> bool:
+    """Whether motion is interpolated over a gap. interval_s: the camera's usual interval, this gap included."""
+    return gap_s <= LONGEST_BRIDGE_S or gap_s <= min(BRIDGED_INTERVALS * interval_s, WIDEST_BRIDGE_S)
 
 
 def at_even_rate(at_ns: NDArray[np.int64], centres: Floats, rate_hz: float) -> NDArray[np.float32]:
@@ -50,18 +48,23 @@ def at_even_rate(at_ns: NDArray[np.int64], centres: Floats, rate_hz: float) -> N
     previous, newest = centres[after - 1], centres[after]
     mixed = (1 - share) * previous + share * newest
     mixed = np.where(np.isfinite(mixed), mixed, np.where(share > 0.5, newest, previous))
-    near = _bridged(np.diff(at_ns))[after - 1][:, None, None]
+    near = _bridged(at_ns, centres)[after - 1][:, None, None]
     # The instant of a frame itself needs no other frame.
     between = np.where(near, mixed, np.nan)
     return np.where(share <= 0, previous, np.where(share >= 1, newest, between)).astype(np.float32)
 
 
-def _bridged(gaps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _bridged(at_ns: NDArray[np.int64], centres: Floats) -> NDArray[np.bool_]:
     """(F - 1,) whether each gap is bridged."""
-    gaps_s = gaps_ns / SECOND_NS
+    gaps_s = np.diff(at_ns) / SECOND_NS
     bridged: NDArray[np.bool_] = gaps_s <= LONGEST_BRIDGE_S
+    if bridged.all():
+        return bridged
+    shown: NDArray[np.bool_] = np.logical_or.reduce(np.isfinite(centres[..., 0]), axis=1)
+    counted = np.flatnonzero(shown[1:] & shown[:-1])
     for n in np.flatnonzero(~bridged):
-        bridged[n] = is_bridged(gaps_s[max(n + 1 - INTERVALS, 0) : n + 1].tolist())
+        last = counted[: np.searchsorted(counted, n, side="right")][-INTERVALS:]
+        bridged[n] = is_bridged(float(gaps_s[n]), usual_interval_s(gaps_s[last].tolist()))
     return bridged
 
 

@@ -23,7 +23,7 @@ from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset, end_movement
 from observer.model.posterior_calibration import calibrated_posterior
-from observer.motion.even_rate import INTERVALS, is_bridged
+from observer.motion.even_rate import INTERVALS, is_bridged, usual_interval_s
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 TINY = 1e-300
@@ -67,6 +67,8 @@ class Resampler:
         self._count = 0
         self._previous: tuple[int, Floats] | None = None
         self._gaps_s: deque[float] = deque(maxlen=INTERVALS)
+        self.interval_s = 0.0
+        """The usual time between two frames; 0 while it is not known."""
 
     def update(self, at_ns: int, tracks: Tracks) -> list[Tracks]:
         """The instants after the previous frame, up to this frame at `at_ns`: any number of tracks (P, 2).
@@ -85,8 +87,11 @@ class Resampler:
         first = max(self._count, count - round(LONGEST_GAP_S * SECOND_NS / self._period_ns))
         self._count = max(count, self._count)
         newest = (at_ns, tracks.centres)
-        self._gaps_s.append((at_ns - previous[0]) / SECOND_NS)
-        bridged = is_bridged(self._gaps_s)
+        gap_s = (at_ns - previous[0]) / SECOND_NS
+        if tracks.visible.any() and Tracks(previous[1]).visible.any():
+            self._gaps_s.append(gap_s)
+            self.interval_s = usual_interval_s(self._gaps_s)
+        bridged = is_bridged(gap_s, self.interval_s)
         return [Tracks(_interpolate(previous, newest, self._instant_ns(i), bridged)) for i in range(first, count)]
 
     def restart(self) -> None:

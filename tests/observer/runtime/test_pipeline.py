@@ -295,6 +295,14 @@ def test_nothing_is_seen_while_a_camera_is_away_for_longer_than_its_own_interval
     assert not any(i.visible[0] for i in instants[round(10 * before[-1]) + 1 : -1])
 
 
+def test_an_empty_room_that_is_looked_at_seldom_makes_no_camera_slow():
+    resampler = Resampler(10.0)
+    times = [*np.arange(5) * 0.4, *(1.6 + np.arange(1, 10) / 30)]
+    for t in times:
+        resampler.update(round(t * SECOND_NS), at(t) if t > 1.6 else Tracks(np.full((2, 2), np.nan)))
+        assert resampler.interval_s <= 1 / 29
+
+
 def test_a_part_seen_in_one_of_two_frames_is_seen_near_that_one():
     resampler = Resampler(10)
     resampler.update(0, Tracks(np.full((1, 2), np.nan)))
