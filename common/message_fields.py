@@ -7,9 +7,9 @@ from common.messages import JudgementMessage, Message, PosteriorMessage, Verdict
 
 SENT_AS_NULL = frozenset({"ended_ns"})
 """Fields whose None is information (the movement has not ended) and is sent as null."""
-SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "rest_reliability", "root_p")
+SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "rest_reliability", "label_reliability", "root_p")
 """The fields that a short vote has unless they are null; five others it always has."""
-SELDOM_SENT = ("rest_reliability", "freshness")
+SELDOM_SENT = ("rest_reliability", "label_reliability", "freshness")
 """Fields of a full vote that are left out where they are null, because few votes have them."""
 
 

@@ -112,8 +112,8 @@ class Vote(MessagePart):
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`:
     its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
     ahead of ours, by which `age_s` is corrected; `reliability`: learned, and less while it contradicts itself;
-    `rest_reliability`: that of `rest`, if doubted; `doubles`: correlated observers; `freshness`: what is left of a
-    stale posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles` or `freshness`.
+    `rest_reliability`, `label_reliability`: lately, if doubted; `doubles`: correlated observers; `freshness`: what is
+    left of a stale posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
     """
 
     label: str | None
@@ -129,6 +129,7 @@ class Vote(MessagePart):
     facets: dict[str, Probabilities] | None = None
     reliability: Probability | None = None
     rest_reliability: Probability | None = None
+    label_reliability: Probability | None = None
     doubles: dict[str, Probability] | None = None
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
     freshness: Probability | None = None

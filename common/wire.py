@@ -42,6 +42,7 @@ OPTIONAL_DETAIL = (
     ("votes", "facing"),
     ("votes", "doubles"),
     ("votes", "rest_reliability"),
+    ("votes", "label_reliability"),
     ("votes", "facets"),
     ("contributions",),
     ("facing",),

@@ -118,10 +118,8 @@ class FusionMetrics(Metrics):
         yield self.gauge("observer_weight_ratio", "Its share in the pooled posterior.", weights, "observer")
         ages = [((name,), vote.age_s) for name, vote in votes]
         yield self.gauge("observer_age_seconds", "Since its newest frame was captured.", ages, "observer")
-        trusts = [((name,), vote.reliability) for name, vote in votes]
-        yield self.gauge(
-            "observer_reliability_ratio", "How far verdicts have shown that it can be relied on.", trusts, "observer"
-        )
+        trusts = [((name,), 1.0 if v.label_reliability is None else v.label_reliability) for name, v in votes]
+        yield self.gauge("observer_reliability_ratio", "How far its labels were trusted lately.", trusts, "observer")
         resting = [((name,), 1.0 if v.rest_reliability is None else v.rest_reliability) for name, v in votes]
         yield self.gauge(
             "observer_rest_reliability_ratio",

@@ -55,7 +55,7 @@ class ObserverState:
     entropy: bits. weight: 0 to 1. age_s: at the scene state's now. agrees: it is one of the k in the judgement's
     agreement "k of n". skew_s: how far its clock is ahead of the fusion machine's. rejected: how many of its messages
     fusion rejected. reliability: learned from earlier verdicts, 1 is full. has_same_id: two processes have its id.
-    rest_reliability: how far its word on rest is trusted, if the others contradict it; else None.
+    rest_reliability, label_reliability: how far its word is trusted, if the others contradict it; else None.
     """
 
     name: str
@@ -72,6 +72,7 @@ class ObserverState:
     reliability: float | None = None
     has_same_id: bool = False
     rest_reliability: float | None = None
+    label_reliability: float | None = None
 
     @property
     def is_heard(self) -> bool:
@@ -80,8 +81,8 @@ class ObserverState:
 
     @property
     def is_contradicted(self) -> bool:
-        """Whether the verdicts of the others have shown it to be wrong so often that it is hardly relied on."""
-        return self.reliability is not None and self.reliability < CONTRADICTED
+        """Whether the others contradict its labels so often that they are hardly trusted."""
+        return self.label_reliability is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,10 +229,10 @@ class SceneState:
             return ObserverState(name, None, (), None, 0.0, None, "silent", False, status)
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
         ranked = self.ranked(vote.p or [], vote.label, vote.unlearned)
-        agrees, rejected, rest = agrees_with(self.judgement, vote), self._rejected(name), vote.rest_reliability
+        agrees, rejected = agrees_with(self.judgement, vote), self._rejected(name)
         return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
                              vote.skew_s, sum(rejected.values()), vote.reliability, name in self.same_ids,
-                             None if rest is None or rest >= CONTRADICTED else rest)  # fmt: skip
+                             _doubted(vote.rest_reliability), _doubted(vote.label_reliability))  # fmt: skip
 
     def _rejected(self, observer: str) -> Mapping[str, int]:
         """The number of its messages that fusion rejected, by reason."""
@@ -298,3 +299,7 @@ def _with_revision(verdict: VerdictMessage, known: VerdictMessage) -> VerdictMes
     if verdict.revises is not None or replaced is None:
         return verdict
     return verdict.model_copy(update={"revises": replaced})
+
+
+def _doubted(reliability: float | None) -> float | None:
+    return None if reliability is None or reliability >= CONTRADICTED else reliability

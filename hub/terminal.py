@@ -175,7 +175,7 @@ def _troubles(observer: ObserverState) -> Iterable[str]:
     if observer.skew_s is not None and abs(observer.skew_s) >= SKEW_SHOWN_S:
         yield f"clock {'+' if observer.skew_s > 0 else '-'}{age(abs(observer.skew_s))}"
     if observer.is_contradicted:
-        yield f"the others contradict it: {observer.reliability or 0.0:.0%} trusted"
+        yield f"the others contradict it: {observer.label_reliability or 0.0:.0%} trusted"
     if observer.rest_reliability is not None:
         yield f"its rest contradicts the others: {observer.rest_reliability:.0%} trusted"
     if observer.has_same_id:

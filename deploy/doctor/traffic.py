@@ -115,7 +115,7 @@ class MeshTraffic:
             process = _process(self.fusions, judgement.fusion)
             process.judgements += 1
             process.why = judgement.why or ""
-            trusts = {name: vote.reliability for name, vote in judgement.votes.items()}
+            trusts = {name: vote.label_reliability for name, vote in judgement.votes.items()}
             process.contradicted = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}
             trusts = {name: vote.rest_reliability for name, vote in judgement.votes.items()}
             process.about_rest = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}

@@ -22,7 +22,8 @@ from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.explanation import explain_undecided, why_contested
-from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
+from fusion.engine.label_trust import LabelTrust
+from fusion.engine.messages import DoubtedObservers, JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.movement import MovementDecision, PooledState, last_capture_ns
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
@@ -58,7 +59,7 @@ class FusionEngine:
         self._rule = get_rule(config.rule, len(observers))
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
-        self._detector, self._rest = VerdictDetector(config), RestPool()
+        self._detector, self._rest, self._labels = VerdictDetector(config), RestPool(), LabelTrust()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
@@ -157,7 +158,8 @@ class FusionEngine:
         """
         pooled = pooled or pool_posteriors(self._case(posteriors))
         rest = self._rest.update(posteriors, now_ns)
-        ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
+        doubted = DoubtedObservers(self._rest.reliability, self._labels.reliability)
+        ballot = self._builder.ballot(posteriors, pooled, doubted)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)
         captured_ns = newest_capture_ns(posteriors, now_ns)
@@ -180,6 +182,7 @@ class FusionEngine:
         basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
+        self._labels.update(judgement.votes, movement, self._records, now_ns)
         return EngineOutput(judgement, self._start.release(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:

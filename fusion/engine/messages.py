@@ -7,7 +7,7 @@ clamped here (`_in_range`, `_entropies`). Tests validate what is made. A verdict
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
@@ -65,6 +65,14 @@ class Stamp:
     session: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class DoubtedObservers:
+    """The reliability about rest (rest_trust.py) and of labels (label_trust.py), 0 to 1, where some is lost."""
+
+    rest: Mapping[str, float] = field(default_factory=dict)
+    labels: Mapping[str, float] = field(default_factory=dict)
+
+
 class JudgementBuilder:
     """Builds the votes and judgements of one scene."""
 
@@ -77,9 +85,9 @@ class JudgementBuilder:
         self._ongoing: OngoingMovement | None = None
 
     def ballot(
-        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, rest_reliability: Mapping[str, float]
+        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, doubted: "DoubtedObservers"
     ) -> Ballot:
-        """Every observer's vote, and the fused label. rest_reliability: about rest, of doubted observers."""
+        """Every observer's vote, and the fused label."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows, names = pooled.rows, self._vocabulary.labels
         *p, pooled_p = rows.tolist()
@@ -93,10 +101,11 @@ class JudgementBuilder:
             if posterior.state in POOLED_STATES:
                 label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
                 labels.append(label)
-            doubted = rest_reliability.get(posterior.observer) if rest_reliability else None
-            votes[posterior.observer] = _vote(
-                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, doubted
-            )
+            name = posterior.observer
+            votes[name] = _vote(
+                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing,
+                doubted.rest.get(name), doubted.labels.get(name),
+            )  # fmt: skip
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
@@ -191,6 +200,7 @@ def _vote(
     label: str | None,
     with_facing: bool,
     rest_reliability: float | None,
+    label_reliability: float | None,
 ) -> Vote:
     is_used, facets = posterior.state in POOLED_STATES, posterior.facets
     surprise = posterior.surprise if with_facing else None
@@ -208,6 +218,7 @@ def _vote(
         "facets": {name: facet.tolist() for name, facet in facets.items()} if facets else None,
         "reliability": posterior.reliability,
         "rest_reliability": rest_reliability,
+        "label_reliability": label_reliability,
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
         "root_p": roots if is_used else None,
         "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,

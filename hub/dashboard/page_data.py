@@ -146,7 +146,7 @@ def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
         "skew": rounded(observer.skew_s, 2),
         "rejected": observer.rejected,
         "same_id": observer.has_same_id,
-        "contradicted": rounded(observer.reliability, 2) if observer.is_contradicted else None,
+        "contradicted": rounded(observer.label_reliability, 2),
         "rest_contradicted": rounded(observer.rest_reliability, 2),
     }
 

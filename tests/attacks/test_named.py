@@ -21,9 +21,7 @@ from hub.scene_state import SceneState
 from hub.terminal import render
 
 PLACES = ("watch", "page", "doctor", "metrics")
-UNNAMED = "wrong once decided"
-"""It agrees until these judges have decided, and lies when it changes no verdict any more: no harm, and no name."""
-LIES = tuple(name for name in STRATEGIES if name not in (HONEST, UNNAMED))
+LIES = tuple(name for name in STRATEGIES if name != HONEST)
 IN_SHORT = ("wrong from the first frame", "rest inverted")
 
 
@@ -92,11 +90,10 @@ def test_a_hostile_judge_is_named_and_no_honest_one(names, strategy, long_form):
     assert names(strategy) == {place: {HOSTILE} for place in PLACES}
 
 
-@pytest.mark.parametrize("strategy", [HONEST, UNNAMED])
-def test_nobody_is_named_where_nobody_does_harm(names, strategy, long_form):
+def test_nobody_is_named_where_all_are_honest(names, long_form):
     if not long_form:
         pytest.skip("in the long form: make attacks")
-    assert names(strategy) == {place: set() for place in PLACES}
+    assert names(HONEST) == {place: set() for place in PLACES}
 
 
 @pytest.mark.parametrize("all_slow", [False, True], ids=["alone", "all"])

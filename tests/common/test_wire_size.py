@@ -33,7 +33,12 @@ def detail_left_out(fields):
 def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fits():
     others, facets = {f"cam{n}": 0.5 for n in range(20)}, {"own": [0.5, 0.5]}
     entry = vote(
-        p=[0.01] * 100, facing=Facing(surprise=[[9] * 12] * 100), facets=facets, doubles=others, rest_reliability=0.5
+        p=[0.01] * 100,
+        facing=Facing(surprise=[[9] * 12] * 100),
+        facets=facets,
+        doubles=others,
+        rest_reliability=0.5,
+        label_reliability=0.5,
     )
     contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
     elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("observers",)
