@@ -59,7 +59,9 @@ class FusionEngine:
         self._rule = get_rule(config.rule, len(observers))
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
-        self._detector, self._rest, self._labels = VerdictDetector(config), RestPool(), LabelTrust()
+        self._detector, self._rest = VerdictDetector(config), RestPool()
+        self.label_trust = LabelTrust()
+        """Who is named; it takes part in no decision, so that a replay may set it as it was recorded."""
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
@@ -158,7 +160,7 @@ class FusionEngine:
         """
         pooled = pooled or pool_posteriors(self._case(posteriors))
         rest = self._rest.update(posteriors, now_ns)
-        doubted = DoubtedObservers(self._rest.reliability, self._labels.reliability)
+        doubted = DoubtedObservers(self._rest.reliability, self.label_trust.reliability)
         ballot = self._builder.ballot(posteriors, pooled, doubted)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)
@@ -182,7 +184,7 @@ class FusionEngine:
         basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
-        self._labels.update(judgement.votes, movement, self._records, now_ns)
+        self.label_trust.update(judgement.votes, movement, self._records, now_ns)
         return EngineOutput(judgement, self._start.release(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
