@@ -39,6 +39,8 @@ CLOSE_TIMEOUT_S = 3.0
 NOTICE_AFTER_S, NOTICE_PROBE_S, LOOK_S = 0.7, 0.5, 0.1
 """A client that still looks for its router says so after the first; it examines the endpoint for the second, and looks
 for Ctrl-C that often."""
+CONNECTION_CHECK_S, LOST_CHECKS = 0.5, 4
+"""A process that has had no router for so many checks in a row says so; one that changes its rules is back sooner."""
 ADMISSION_TIMEOUT_S = 3.0
 """A router answers an admitted client in a millisecond, and others never; this leaves time for a busy router."""
 LINGER_CHECK_S = 0.5
@@ -93,6 +95,9 @@ class Link(SubSession):
         if mesh.credentials and mode == "client" and not link.admitted(ADMISSION_TIMEOUT_S):
             link.close()
             raise LabanmeshError(_explain_rejection(mesh))
+        # Hubs show what they receive, and that nothing arrives.
+        if mode == "client" and role != "hub":
+            threading.Thread(target=link._report_connection, daemon=True, name="connection").start()
         return link
 
     @classmethod
@@ -121,6 +126,17 @@ class Link(SubSession):
         """Whether this process is connected to a router or another peer now."""
         info = self._session.info
         return bool(info.routers_zid() or info.peers_zid())
+
+    def _report_connection(self) -> None:
+        """Log when the router has gone, and when it is back, until the link is closed."""
+        missing = 0
+        while not self._closed.wait(CONNECTION_CHECK_S):
+            with suppress(zenoh.ZError):  # closed meanwhile
+                missing, before = 0 if self.connected else missing + 1, missing
+                if missing == LOST_CHECKS:
+                    log.warning("%s: no router answers any more; trying until one does", self._endpoint)
+                elif before >= LOST_CHECKS and not missing:
+                    log.warning("%s: a router answers again", self._endpoint)
 
     def admitted(self, timeout_s: float) -> bool:
         """Whether a router with access rules answers this process, because its certificate is in the rules."""

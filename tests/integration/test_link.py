@@ -242,6 +242,19 @@ def test_a_client_says_what_it_waits_for_long_before_it_gives_up_and_ends_at_onc
     )
 
 
+def test_a_process_says_that_its_router_has_gone_and_that_it_is_back(monkeypatch, caplog):
+    monkeypatch.setattr("common.link.CONNECTION_CHECK_S", 0.05)
+    config = MeshConfig(mode="router", endpoint=FREE.endpoint)
+    with Link.open(config, "router") as router:
+        mesh = config.at(router.locator)
+        observer, hub = (Link.open(mesh, role) for role in ("observer", "hub"))
+    with observer, hub:
+        until(lambda: "no router answers any more" in caplog.text)
+        with Link.open(mesh, "router"):
+            until(lambda: "a router answers again" in caplog.text)
+    assert len(caplog.messages) == 2, "once each, and a hub shows it itself"
+
+
 def test_a_link_may_be_closed_twice_and_wakes_a_waiting_loop(fusion):
     inbox, woken = fusion.inbox("x/a"), threading.Event()
     waiting = threading.Thread(target=lambda: (inbox.take(60), woken.set()))
