@@ -86,9 +86,7 @@ EXTRAS = {
 """Libraries that a plain install lacks, and the extra that installs them."""
 SYSTEM_LIBRARY = "cannot open shared object file"
 """The loader's error for a library of the system that is not installed."""
-INSTALL_LIBRARY = (
-    "install that library of the system (for libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
-)
+INSTALL_LIBRARY = "install that library of the system (libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
 LINE_LIMIT = 2000
 WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
@@ -292,9 +290,8 @@ def _set_help(command: Any) -> None:  # noqa: ANN401 - the class of Typer is pri
 
 def _example(verb: str, error: Any) -> str:  # noqa: ANN401 - the class of Typer is private
     """The first example in the help of what was called, a verb or a sub-verb, as the middle of a line; "" without."""
-    context = getattr(error, "ctx", None)
-    text = (context and context.command.help) or VERBS[verb].load().__doc__ or ""
-    examples = text.partition("Example: ")[2].splitlines()
+    command = getattr(getattr(error, "ctx", None), "command", None)
+    examples = (getattr(command, "help", None) or "").partition("Example: ")[2].splitlines()
     return f", e.g. {examples[0]}" if examples and examples[0].startswith(f"labanmesh {verb} ") else ""
 
 
