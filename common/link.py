@@ -97,7 +97,7 @@ class Link(SubSession):
             raise LabanmeshError(_explain_rejection(mesh))
         # Hubs show what they receive, and that nothing arrives.
         if mode == "client" and role != "hub":
-            threading.Thread(target=link._report_connection, daemon=True, name="connection").start()
+            threading.Thread(target=link._report_connection, args=(mesh,), daemon=True, name="connection").start()
         return link
 
     @classmethod
@@ -127,9 +127,9 @@ class Link(SubSession):
         info = self._session.info
         return bool(info.routers_zid() or info.peers_zid())
 
-    def _report_connection(self) -> None:
-        """Log when the router has gone, and when it is back, until the link is closed."""
-        missing = 0
+    def _report_connection(self, mesh: MeshConfig) -> None:
+        """Log when the router has gone, is back, or no longer admits this machine, until the link is closed."""
+        missing, known = 0, self._session.info.routers_zid()
         while not self._closed.wait(CONNECTION_CHECK_S):
             with suppress(zenoh.ZError):  # closed meanwhile
                 missing, before = 0 if self.connected else missing + 1, missing
@@ -137,6 +137,12 @@ class Link(SubSession):
                     log.warning("%s: no router answers any more; trying until one does", self._endpoint)
                 elif before >= LOST_CHECKS and not missing:
                     log.warning("%s: a router answers again", self._endpoint)
+                # A router takes up new rules by opening anew. One that refuses a certificate closes no connection.
+                routers = self._session.info.routers_zid()
+                if mesh.credentials and routers and routers != known:
+                    known = routers
+                    if not self.admitted(ADMISSION_TIMEOUT_S) and not self._closed.is_set():
+                        log.warning("%s", _explain_rejection(mesh))
 
     def admitted(self, timeout_s: float) -> bool:
         """Whether a router with access rules answers this process, because its certificate is in the rules."""

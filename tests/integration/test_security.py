@@ -255,6 +255,19 @@ def test_without_rules_the_same_attack_succeeds(scene, authority, attacks, name)
         assert refused_by(scene, open_to_all, there, name, SOON_S) == "nobody"
 
 
+def test_a_process_that_is_revoked_while_it_runs_says_so(scene, authority, monkeypatch, caplog):
+    monkeypatch.setattr("common.link.CONNECTION_CHECK_S", 0.05)
+    monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 0.5)
+    certificates = authority.register.certificates
+    before = Register(("dojo",), tuple(each.model_copy(update={"revoked": None}) for each in certificates))
+    with routed(scene, before) as mesh:
+        garden = mesh("garden.1")
+        link = Link.open(garden, "observer")
+    with link, Link.router(router_config([scene], authority.register, [garden.endpoint]), "the test's router"):
+        until(lambda: "garden.1" in caplog.text)
+    assert caplog.messages[-1].startswith("mesh.endpoint = ")
+
+
 def test_an_empty_register_admits_nobody(scene, authority):
     with routed(scene, Register(("dojo",))) as mesh, bare_client(mesh("hub.1")) as session:
         assert session is not None
