@@ -54,7 +54,8 @@ def test_no_verdict_is_lost_or_doubled_when_processes_are_killed(team, long_form
     faults = [(movement, fault) for movement, fault in result.faults if not was_unheard(witness, movement, fault)]
     print(f"unheard: {len(result.faults) - len(faults)}")
     assert result.performed
-    assert not faults, f"{faults}\n{result.explained(killed)}\n{team.logs()}"
+    witnessed = "\n".join(line for movement, _ in faults for line in story(witness, movement))
+    assert not faults, f"{faults}\n{result.explained(killed)}\n{witnessed}\n{team.logs()}"
     assert max(gaps) < 1.0
     assert sizes.growth() < GROWTH, sizes.pairs
 
@@ -62,6 +63,22 @@ def test_no_verdict_is_lost_or_doubled_when_processes_are_killed(team, long_form
 def was_unheard(witness, movement, fault):
     """Whether it was called unknown, and could not be heard: a busy machine starts a router, or all of them, late."""
     return fault in ("is abstain", "has 0 verdicts []") and is_unheard(movement, witness.judgements)
+
+
+def story(witness, movement):
+    """The verdicts about a movement, and each change of a vote while it went on; times in seconds from its begin."""
+    names, before = ("id", "stage", "label", "fusion", "began_ns", "ended_ns", "why"), None
+    for one in witness.verdicts:
+        if one["began_ns"] < movement.ended_ns and movement.began_ns < (one["ended_ns"] or one["decided_ns"]):
+            yield str({name: one.get(name) for name in names})
+    for one in witness.judgements:
+        votes = {
+            name: (vote["state"], vote.get("label"), round(vote.get("rest") or 0.0, 1))
+            for name, vote in one["votes"].items()
+        }
+        if movement.began_ns <= one["at_ns"] <= movement.ended_ns and votes != before:
+            before = votes
+            yield f"{(one['at_ns'] - movement.began_ns) / SECOND_NS:.2f} {one['fusion']}: {votes}"
 
 
 def takeover_s(witness, dead, killed_ns):
