@@ -3,8 +3,7 @@
 1. Every message is a map with string keys and carries `v`, its schema version. Unknown fields are ignored, so that a
    newer peer can send more.
 2. Times are Unix epoch in nanoseconds and fit into 63 bits; ages are in seconds, entropies in bits.
-3. Round-off is not an error: a probability or an entropy that is outside its range by at most 1e-6 is clamped, and
-   -0.0 becomes 0.0.
+3. Round-off is no error: a probability or entropy outside its range by at most 1e-6 is clamped; -0.0 becomes 0.0.
 """
 
 from collections.abc import Mapping
@@ -111,9 +110,9 @@ class Vote(MessagePart):
 
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`:
     its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
-    ahead of ours, by which `age_s` is corrected; `reliability`: learned, and less while it contradicts itself;
-    `rest_reliability`, `label_reliability`: lately, if doubted; `doubles`: correlated observers; `freshness`: what is
-    left of a stale posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
+    ahead of ours, by which `age_s` is corrected; `reliability`: learned; `rest_reliability`, `label_reliability`:
+    lately, if doubted; `doubles`: correlated observers; `freshness`: what is left of a stale posterior. A short vote
+    has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
     """
 
     label: str | None

@@ -28,15 +28,9 @@ ANSWERS_BYTES = 16 << 20
 """Of the answers to a query of a listener so many bytes are kept: more than a thousand processes answer."""
 RING = 256
 """Samples or queries in each ring of a polled sub-session."""
-
-
 Priority = Literal["high", "normal", "low"]
 """high: rare messages that must arrive. low: whatever else waits is sent first."""
-ZENOH_PRIORITY: dict[Priority, zenoh.Priority] = {
-    "high": zenoh.Priority.DATA_HIGH,
-    "normal": zenoh.Priority.DATA,
-    "low": zenoh.Priority.BACKGROUND,
-}
+ZENOH_PRIORITY = {"high": zenoh.Priority.DATA_HIGH, "normal": zenoh.Priority.DATA, "low": zenoh.Priority.BACKGROUND}
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +155,7 @@ class SubSession:
         """The newest message under each of `keys`, which have no wildcards; taken without `poll` and queue."""
         declared = [self._session.declare_subscriber(key, zenoh.handlers.RingChannel(1)) for key in keys]
         self._declared += declared
-        rings = [(key, subscriber.try_recv) for key, subscriber in zip(keys, declared, strict=True)]
-        return NewestMessages(rings, _payload_of)
+        return NewestMessages([(key, one.try_recv) for key, one in zip(keys, declared, strict=True)], _payload_of)
 
     def announce(self, key: str) -> None:
         """Declare a liveliness token under `key`, until the link is closed or the process dies."""

@@ -18,6 +18,7 @@ from common.messages import (
 )
 from common.vocabulary import ABSTAIN
 from hub import same_id
+from hub.verdict_log import with_verdict
 
 VERDICTS_LIMIT = 10
 STRANGERS_LIMIT = 64
@@ -29,7 +30,6 @@ REORDERED_NS = SECOND_NS
 """A judgement that is older than the newest by less than this is a late copy; if it is older still, a clock was set."""
 
 SenderRole = Literal["observer", "fusion"]
-Verdicts = tuple[VerdictMessage, ...]
 SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage
 KINDS: Mapping[str, type[SceneMessage]] = {
     "judgement": JudgementMessage,
@@ -277,28 +277,6 @@ def _placeholders(p: list[float], label: str | None) -> tuple[str, ...]:
 
 def _is_copy(message: JudgementMessage, newest: JudgementMessage) -> bool:
     return message.fusion == newest.fusion and 0 <= newest.at_ns - message.at_ns < REORDERED_NS
-
-
-def with_verdict(log: Verdicts, verdict: VerdictMessage, limit: int) -> Verdicts:
-    """The `limit` newest arrivals, newest first; a later word on a known movement replaces the one before in place.
-
-    The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show. Older words
-    change nothing: the same object is returned.
-    """
-    for place, known in enumerate(log):
-        if known.id == verdict.id:
-            if (verdict.at_ns, verdict.stage == "ended") < (known.at_ns, known.stage == "ended"):
-                return log
-            return (*log[:place], _with_revision(verdict, known), *log[place + 1 :])
-    return (verdict, *log)[:limit]
-
-
-def _with_revision(verdict: VerdictMessage, known: VerdictMessage) -> VerdictMessage:
-    """`verdict` with the label that it replaces, also from a fusion service that does not say it."""
-    replaced = known.revises if verdict.label == known.label else known.label
-    if verdict.revises is not None or replaced is None:
-        return verdict
-    return verdict.model_copy(update={"revises": replaced})
 
 
 def _doubted(reliability: float | None) -> float | None:

@@ -18,8 +18,9 @@ from common.keys import observer_of
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.wire import BadMessage
 from hub.anticipation import probability
-from hub.scene_state import SceneMessage, SceneState, is_waiting, with_verdict
+from hub.scene_state import SceneMessage, SceneState, is_waiting
 from hub.session import decode_for_hub
+from hub.verdict_log import with_verdict
 
 if TYPE_CHECKING:
     from common.config import Scene
