@@ -65,7 +65,7 @@ def test_learn_writes_a_model_for_each_sensor_with_one_vocabulary(run, archive, 
     few = tuple(r for r in whole.recordings if r.label == "ok")
     write_archive(tmp_path / "other.npz", replace(whole, recordings=few))
     for more, error in (
-        ([], "--sensor right: --labels shake: no recording shows this movement"),
+        ([], "--sensor right: no recording shows shake; record it with this sensor too, or leave it out: --labels ok"),
         ([archive], "--sensor: takes the place of ARCHIVE and --view"),
         (["--effort"], "--sensor: only for new models of movements"),
     ):
