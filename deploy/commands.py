@@ -1,5 +1,6 @@
 """The verb `labanmesh up`: all processes of a scene on this machine."""
 
+import fcntl
 import sys
 import tempfile
 import threading
@@ -59,13 +60,14 @@ def up(
         command = f"TRACKER | labanmesh observe {scene} {name}"
         print(f"{name}: reads tracks from its standard input, start it by hand: {command}", file=sys.stderr)
     started = jobs(scene, config)
-    require_free_ports(config, len(started))
-    start_ns = time.time_ns() + round(playback_delay_s(config) * 1e9)
     with (
+        only_once(scene),
         stop_on_signals() as stop,
         _set_after(for_s, stop),
         tempfile.TemporaryDirectory(prefix="labanmesh-") as folder,
     ):
+        require_free_ports(config, len(started))
+        start_ns = time.time_ns() + round(playback_delay_s(config) * 1e9)
         barrier = open_start_barrier(Path(folder), config)
         launcher = Launcher(
             with_ports(started, config.metrics.listen),
@@ -81,6 +83,23 @@ def up(
     if status:
         raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
     return 0
+
+
+@contextmanager
+def only_once(scene: Path) -> Iterator[None]:
+    """Until the block is left no other `up` on this machine can enter it with this file.
+
+    Raises LabanmeshError, one line with the way out, if another one has. One that was killed does not count.
+    """
+    with scene.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise LabanmeshError(f"{scene}: labanmesh up runs already with this file; stop that one first") from None
+        except OSError:
+            # A file system without locks: the ports and ids of the scene show another one a moment later.
+            pass
+        yield
 
 
 @contextmanager

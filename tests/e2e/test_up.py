@@ -54,6 +54,8 @@ def test_a_killed_observer_comes_back_and_sigterm_ends_all(stage, scene):
         alive = hub.presence(f"{read.keys.root}/**/alive")
         with started(stage, labanmesh("up", path)) as process:
             assert alive.wait_for(len(VIEWS) + 1, SOON_S)
+            again = run(path.parent, "up", path)
+            assert again.returncode == 1 and "stop that one first" in again.stderr and again.stderr.count("\n") == 1
             vocabulary = decode(VocabularyMessage, hub.ask(read.keys.vocabulary, SOON_S)[read.keys.vocabulary])
             assert set(vocabulary.labels) == {*MOVEMENTS}
             assert decode(StatusMessage, hub.ask(status_key, SOON_S)[status_key]).id == "wheel"
