@@ -31,8 +31,7 @@ from common.message_types import MessagePart as MessagePart
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
-PARTS_LIMIT = 256  # body parts in one posterior
-WHY_LIMIT = 200
+PARTS_LIMIT, WHY_LIMIT = 256, 200  # body parts in one posterior; characters
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
 ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
@@ -152,7 +151,8 @@ class Agreement(MessagePart):
 class OngoingMovement(MessagePart):
     """The movement in progress: the id of its verdict, its beginning, and the decision so far.
 
-    `revises` is the label that `label` replaced; omitted while the first decision stands.
+    `revises` is the label that `label` replaced; omitted while the first decision stands. `outage_ns` is when a decided
+    movement was seen last before an outage that may have hidden its end; omitted without one.
     """
 
     id: Id
@@ -160,13 +160,13 @@ class OngoingMovement(MessagePart):
     label: str | None = None
     decided_ns: Time | None = None
     revises: str | None = None
+    outage_ns: Time | None = None
 
 
 class JudgementMessage(Message):
     """The pooled posterior of one fusion step, and every observer's vote. `certainty_bits` is the entropy of `p`.
 
     On the mesh its votes are short; with full votes it is published under a key of its own (`common.keys`).
-
     `unlearned` is the probability that the person does no movement of the vocabulary, omitted if no observer reports
     it; `p` is conditional on a movement of the vocabulary. `facets` are pooled from the observers that report them;
     `facing` among them is the distribution over K directions, and `facing_deg` the most probable one in degrees to the

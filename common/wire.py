@@ -149,7 +149,12 @@ def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabu
     )  # fmt: skip
     longest_id, movement_id = "x" * 64, "m" * 128
     movement = OngoingMovement(
-        id=movement_id, began_ns=LAST_INTEGER, label=label, decided_ns=LAST_INTEGER, revises=label
+        id=movement_id,
+        began_ns=LAST_INTEGER,
+        label=label,
+        decided_ns=LAST_INTEGER,
+        revises=label,
+        outage_ns=LAST_INTEGER,
     )
     verdict = VerdictMessage(
         scene=scene,

@@ -198,8 +198,9 @@ class FusionEngine:
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return
         if not isinstance(judgement, VerdictMessage):
-            movement = None if judgement.movement is None else progress_of(judgement.movement)
-            self._detector.follow(movement, last_capture_ns(judgement))
+            ongoing = judgement.movement
+            movement, outage_ns = (None, None) if ongoing is None else (progress_of(ongoing), ongoing.outage_ns)
+            self._detector.follow(movement, last_capture_ns(judgement), outage_ns)
             self._keep_bases(self._bases)
             return
         self._detector.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
@@ -264,7 +265,7 @@ class FusionEngine:
         movement = self._detector.movement
         if movement is not None and self._start.waits:
             movement = replace(movement, decision=None)
-        return self._builder.ongoing(movement)
+        return self._builder.ongoing(movement, self._detector.outage_ns)
 
     def _verdict(self, now_ns: int, decision: MovementDecision, bases: Mapping[int, VerdictBasis]) -> VerdictMessage:
         """The verdict with its basis: the votes that decided it, also when its end is published.

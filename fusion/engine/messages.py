@@ -83,6 +83,7 @@ class JudgementBuilder:
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
+        self._outage_ns: int | None = None
 
     def ballot(
         self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, doubted: "DoubtedObservers"
@@ -158,11 +159,12 @@ class JudgementBuilder:
         """The id of the movement that began then, in all messages about it."""
         return f"{self._scene}-{began_ns // 1_000_000}"
 
-    def ongoing(self, movement: MovementProgress | None) -> OngoingMovement | None:
+    def ongoing(self, movement: MovementProgress | None, outage_ns: int | None = None) -> OngoingMovement | None:
         """The movement in progress as judgements carry it; built once, because it changes seldom."""
-        if movement is not self._movement:
-            self._movement = movement
-            self._ongoing = None if movement is None else _ongoing(movement, self.verdict_id(movement.began_ns))
+        if movement is not self._movement or outage_ns != self._outage_ns:
+            self._movement, self._outage_ns = movement, outage_ns
+            name = "" if movement is None else self.verdict_id(movement.began_ns)
+            self._ongoing = None if movement is None else _ongoing(movement, name, outage_ns)
         return self._ongoing
 
     def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
@@ -252,13 +254,14 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
     return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
 
 
-def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
+def _ongoing(movement: MovementProgress, movement_id: str, outage_ns: int | None) -> OngoingMovement:
     decision = movement.decision
     fields: dict[str, Any] = {"id": movement_id, "began_ns": movement.began_ns}
     if decision is None:
-        fields |= {"label": None, "decided_ns": None, "revises": None}
+        fields |= {"label": None, "decided_ns": None, "revises": None, "outage_ns": None}
     else:
         fields |= {"label": decision.label, "decided_ns": decision.decided_ns, "revises": decision.revises}
+        fields["outage_ns"] = outage_ns
     return unchecked(OngoingMovement, fields)
 
 

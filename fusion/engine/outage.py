@@ -42,17 +42,19 @@ class Outage:
         self.ends_movement = decision is not None and gap_s > ENDING_OUTAGE_S
         return True
 
-    def follow(self, captured_ns: int | None, decision: MovementDecision | None) -> None:
+    def follow(self, captured_ns: int | None, decision: MovementDecision | None, since_ns: int | None = None) -> None:
         """Take the newest capture time of another service, which has made `decision`; None: unknown.
 
-        If this service had no posterior for an outage before that, the other one continues the movement from then.
+        since_ns: of the outage that the other service has noticed, if it has. If this service had no posterior for an
+        outage before the capture, the other one continues the movement from then.
         """
         self.begins_afresh = False
+        self.since_ns = self.since_ns if since_ns is None else since_ns
         if captured_ns is None:
             return
         last_ns = captured_ns if self._newest_capture_ns is None else self._newest_capture_ns
         self._newest_capture_ns = max(captured_ns, last_ns)
-        if decision is not None and captured_ns - last_ns > OUTAGE_S * SECOND_NS:
+        if since_ns is None and decision is not None and captured_ns - last_ns > OUTAGE_S * SECOND_NS:
             self.since_ns = max(last_ns, decision.decided_ns)
 
     def begin_movement(self) -> None:

@@ -86,10 +86,17 @@ class VerdictDetector:
         """Since when the label has met the demand without a break; None while it does not."""
         return None if self._candidate is None else self._candidate.since_ns
 
-    def follow(self, movement: MovementProgress | None, newest_capture_ns: int | None = None) -> None:
+    @property
+    def outage_ns(self) -> int | None:
+        """When the decided movement was seen last before an outage that may have hidden its end; None without one."""
+        return self._outage.since_ns
+
+    def follow(
+        self, movement: MovementProgress | None, newest_capture_ns: int | None = None, outage_ns: int | None = None
+    ) -> None:
         """Take over the state of another service, or of this one before a restart (rule 6).
 
-        newest_capture_ns: of the posteriors that service had, if it is known.
+        newest_capture_ns: of the posteriors that service had, if it is known. outage_ns: its own.
         """
         if movement is None:
             self._finish()
@@ -98,7 +105,7 @@ class VerdictDetector:
         elif movement.decision is None:
             self._label_at_rest = None
         self.movement = movement
-        self._outage.follow(newest_capture_ns, None if movement is None else movement.decision)
+        self._outage.follow(newest_capture_ns, None if movement is None else movement.decision, outage_ns)
 
     def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
         """Take one step; returns the decisions that are due: the first one, a revision, an end."""

@@ -1,11 +1,14 @@
 """Two engines in step: wherever the leading one stops, the other publishes the rest under the same ids."""
 
 import pytest
-from engine_stage import LABELS, UNIFORM, EngineDriver, sure
+from engine_stage import LABELS, MOVING, UNIFORM, EngineDriver, all_views, sure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common import SECOND_NS
 from common.message_types import LAST_INTEGER
+from common.messages import JudgementMessage
+from common.wire import decode, encode
 
 BOW, LUNGE, PUNCH = (sure(label, 0.94) for label in LABELS)
 STORY = [
@@ -127,3 +130,17 @@ def test_the_owner_may_change_at_any_time(alone, changes):
         services[1 - leading].follow(*outputs[leading])
     assert [(v.id, v.ended_ns) for v in published] == [(v.id, v.ended_ns) for v in alone]
     assert words(published) == VERDICTS
+
+
+def test_an_outage_is_known_to_a_service_that_is_given_the_scene_just_after_it():
+    scene, started = EngineDriver(), EngineDriver()
+    scene.step(all_views(sure("bow", 0.96)), MOVING, 10)
+    seen_ns = scene.now_ns
+    scene.now_ns += 3 * SECOND_NS
+    judgement = scene.step(all_views(sure("lunge", 0.96)), MOVING)
+    assert judgement.movement.label == "bow" and judgement.movement.outage_ns == seen_ns
+    started.engine.continue_from(decode(JudgementMessage, encode(judgement)))
+    started.now_ns, started.seq = scene.now_ns, scene.seq
+    started.step(all_views(sure("lunge", 0.96)), MOVING, 5)
+    assert [(v.label, v.stage) for v in started.verdicts] == [("bow", "ended"), ("lunge", "decided")]
+    assert started.verdicts[0].ended_ns == seen_ns

@@ -511,6 +511,19 @@ def test_8_nor_is_an_outage_lost_on_a_service_that_follows_the_one_that_noticed_
     ]
 
 
+def test_8_nor_on_one_that_has_just_started_and_takes_over():
+    """Seen in a storm: both services were killed twice; one noticed the outage, the other one was given the scene."""
+    killed, noticed, started = (VerdictDetector(CONFIG) for _ in range(3))
+    for step, (label, p, agreeing, rest_p) in enumerate([*rest(1), *sure(5)]):
+        killed.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+    noticed.follow(killed.movement, 5 * STEP_NS, killed.outage_ns)
+    noticed.update(PooledState(45 * STEP_NS, "lunge", 0.9, 2, 0.1))
+    started.follow(noticed.movement, 45 * STEP_NS, noticed.outage_ns)
+    words = [d for step in range(46, 54) for d in started.update(PooledState(step * STEP_NS, "lunge", 0.9, 2, 0.1))]
+    assert [(d.label, d.stage) for d in words[:2]] == [("bow", "ended"), ("lunge", "decided")]
+    assert words[0].ended_ns == 5 * STEP_NS and killed.outage_ns is None and started.outage_ns is None
+
+
 def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
     after = [*sure(8, "lunge"), *rest(4)]
     begins = {gap: words_after_a_gap([*rest(1), *moving(5)], gap, after)[0][2] for gap in (19, 25)}
