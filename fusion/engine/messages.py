@@ -85,9 +85,7 @@ class JudgementBuilder:
         self._ongoing: OngoingMovement | None = None
         self._outage_ns: int | None = None
 
-    def ballot(
-        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, doubted: "DoubtedObservers"
-    ) -> Ballot:
+    def ballot(self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, doubted: DoubtedObservers) -> Ballot:
         """Every observer's vote, and the fused label."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows, names = pooled.rows, self._vocabulary.labels
