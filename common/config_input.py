@@ -12,7 +12,7 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
 from common.errors import BadInput
-from common.text import nearest
+from common.text import nearest, without_secrets
 
 PREFIX = "LABANMESH_"
 VALUE_LIMIT = 60
@@ -119,7 +119,7 @@ def _in_schema(field: FieldInfo | None, *keys: str) -> dict[str, Any] | None:
 
 def _quoted(value: object) -> str:
     """A wrong value as the file has it, shortened."""
-    quoted = repr(value) if isinstance(value, str) else _toml(value)
+    quoted = repr(without_secrets(value)) if isinstance(value, str) else _toml(value)
     return quoted if len(quoted) <= VALUE_LIMIT else f"{quoted[:VALUE_LIMIT]}..."
 
 

@@ -149,10 +149,10 @@ class ObserverConfig(Section):
     direction: whether the camera's direction in the room is known to be `view`; an observer with "unknown" publishes no
     facings. speed: factor on the speed of a recording; 0 is as fast as possible. model: a file name, by default
     ID.model once the scene is read. tracker: "auto" selects one for the source. rate_hz, size_px: requested of a
-    camera. mirrored: the pictures are mirrored, as selfies are. skin, face: settings of `camshift` for the person (a
-    file; x, y, width, height in px). pose_model, hand: the model file of a pose model, and which place is the hand.
-    follow: which of several people a pose model follows; follow_near: the marked place for "nearest", shares of the
-    picture.
+    camera. mirrored: the pictures are mirrored, as selfies are. show_path: the camera's address is printed with its
+    path, which may hold a secret. skin, face: settings of `camshift` for the person (a file;
+    x, y, width, height in px). pose_model, hand: the model file of a pose model, and which place is the hand. follow:
+    which of several people a pose model follows; follow_near: the marked place for "nearest", shares of the picture.
     preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
     of the Effort model; "": no Effort. say: when posteriors are published. place, facing: of the person, as in
     [person], if this camera's room has axes of its own. max_hz, idle_hz: runs of the tracker of
@@ -173,6 +173,7 @@ class ObserverConfig(Section):
     idle_hz: Hertz | None = None
     size_px: Annotated[tuple[Pixels, Pixels] | None, Field(strict=False, examples=[[640, 480]])] = None
     mirrored: bool = False
+    show_path: bool = False
     skin: str = ""
     face: Annotated[
         tuple[Position, Position, Pixels, Pixels] | None, Field(strict=False, examples=[[300, 120, 80, 80]])

@@ -67,7 +67,9 @@ def _toml_fault(message: str, text: str) -> str:
     if place:
         # The end of a line counts as the next line's column 0.
         line = text.splitlines()[: int(place[1]) - (place[2] == "0")][-1:]
-        shown = "".join(letter if letter.isprintable() else "?" for letter in "".join(line).strip()[:LINE_LIMIT])
+        # An address may have a password in it, wherever the fault is.
+        quoted = re.sub(r"[^\s\"'=]*(://|@).*", "...", "".join(line).strip())[:LINE_LIMIT]
+        shown = "".join(letter if letter.isprintable() else "?" for letter in quoted)
         message += f": {shown}"
     rules = [rule for begin, rule in TOML_RULES.items() if message.startswith(begin)]
     return "; ".join([message, *rules])

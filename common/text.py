@@ -1,8 +1,14 @@
 """Text that people type and read: values of command-line options, plural forms, suggestions. Pure."""
 
+import re
 from collections.abc import Iterable, Sequence
 
 from common.errors import BadInput
+
+_ADDRESS = re.compile(r"([A-Za-z][\w+.-]*:/{1,2}|(?:rtsps?|https?):(?!\d))?(.*)", re.DOTALL | re.IGNORECASE)
+_HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d+)?")
+_USER = re.compile(r"[^/]*:.*@|[\w.-]+:\d+[/?#]", re.DOTALL)
+"""How an address without its scheme begins: with a user and a password, or with a host and a port."""
 
 
 def plural(count: int, singular: str, irregular: str = "") -> str:
@@ -49,3 +55,23 @@ def one_of(option: str, value: str, known: Sequence[str]) -> str:
     if value not in known:
         raise BadInput(f"{option} {value!r}: unknown; known: {', '.join(known)}")
     return value
+
+
+def without_secrets(text: str, *, show_path: bool = False) -> str:
+    """A source as it may be printed: of an address only scheme, host and port, as its rest may hold a secret.
+
+    Also of an address that lacks its scheme. show_path: the path too, unless a password can be in it. Where a badly
+    quoted password could hide in what is left (an @ or a missing host in an unexpected place), only the scheme remains.
+    """
+    match = _ADDRESS.fullmatch(text)
+    scheme, rest = (match[1] or "", match[2]) if match else ("", text)
+    if not scheme and not _USER.match(rest):
+        return text
+    authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
+    host, behind = authority.rpartition("@")[2], rest[len(authority) :]
+    if "@" in behind or not _HOST.fullmatch(host):
+        return f"{scheme}..."
+    path = re.split(r"[?#]", behind, maxsplit=1)[0]
+    # Some cameras expect /user=NAME_password=SECRET_channel=1 as the path.
+    shown = path if show_path and "=" not in path else "/..." if len(behind) > 1 else behind
+    return f"{scheme}{host}{shown}" if scheme or host == authority else f"...@{host}{shown}"

@@ -16,8 +16,9 @@ from typing import Final, Literal
 from urllib.parse import urlsplit
 
 from common.config import Scene
+from common.text import without_secrets
 from common.tracker_choice import chosen_tracker
-from deploy.doctor.findings import Finding, Mark, from_fault, masked, ok, warning
+from deploy.doctor.findings import Finding, Mark, from_fault, ok, warning
 from deploy.doctor.network import connect_to
 
 GROUP: Final = "cameras"
@@ -131,9 +132,9 @@ def _network_camera(source: str) -> NetworkCamera:
         parts = urlsplit(source)
         host, port = parts.hostname or "", parts.port or PORTS[parts.scheme.lower()]
     except ValueError:
-        return NetworkCamera(masked(source), "not an address; SCHEME://HOST:PORT/PATH is expected")
+        return NetworkCamera(without_secrets(source), "not an address; SCHEME://HOST:PORT/PATH is expected")
     attempt = connect_to(host, port)
-    return NetworkCamera(masked(source), attempt.fault, attempt.took_s or 0.0)
+    return NetworkCamera(without_secrets(source), attempt.fault, attempt.took_s or 0.0)
 
 
 def _test(scene: Scene, each: ObserverCamera) -> CameraTest:

@@ -1,13 +1,12 @@
 """The doctor's findings, the settings in force, and how they are shown: a page for people, JSON for programs. Pure."""
 
 import json
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from common.config_input import PREFIX, Place
-from common.text import plural
+from common.text import plural, without_secrets
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -19,8 +18,6 @@ MARKS: tuple[Mark, ...] = get_args(Mark)
 """From good to bad."""
 MARK_WIDTH = max(map(len, MARKS))
 JSON_VERSION = 1
-URL = re.compile(r"([A-Za-z][\w+.-]*)://(.*)", re.DOTALL)
-HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d+)?\Z")
 DEFAULT, FILE = "default", "file"
 
 
@@ -135,19 +132,6 @@ def settings_in_force(
     return settings
 
 
-def masked(text: str) -> str:
-    """A value as it may be shown: of a URL only scheme, host and port; the rest may hold a secret."""
-    url = URL.fullmatch(text)
-    if url is None:
-        return text
-    scheme, rest = url.groups()
-    authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
-    host, behind = authority.rpartition("@")[2], rest[len(authority) :]
-    if "@" in behind or not HOST.match(host):
-        return f"{scheme}://..."
-    return f"{scheme}://{host}{'/...' if len(behind) > 1 else behind}"
-
-
 def _leaves(table: Mapping[str, Any], place: Place = ()) -> Iterator[tuple[Place, object]]:
     for name, value in table.items():
         if isinstance(value, Mapping):
@@ -167,4 +151,4 @@ def _is_set(table: object, place: Place) -> bool:
 def _as_written(value: object) -> str:
     if value is None:
         return "not set"
-    return json.dumps(masked(value) if isinstance(value, str) else value, ensure_ascii=False)
+    return json.dumps(without_secrets(value) if isinstance(value, str) else value, ensure_ascii=False)

@@ -12,6 +12,7 @@ from typing import Annotated
 import typer
 
 from common.errors import BadInput, LabanmeshError, reason_of
+from common.text import without_secrets
 from deploy.doctor.cameras import Webcam, webcams
 from deploy.first_scene.scene_text import FirstCamera, scene_text
 
@@ -79,7 +80,8 @@ def _named(source: str, file: Path) -> FirstCamera:
         return FirstCamera(os.path.relpath(path, file.parent), "# A recording.", film=True)
     if not (source.isdecimal() or source == "-" or "://" in source or source.startswith(("/dev/", "zenoh:"))):
         raise BadInput(
-            f"--source {source}: no such file or folder; name a webcam (0), an address (rtsp://...) or a film"
+            f"--source {without_secrets(source)}: no such file or folder; "
+            "name a webcam (0), an address (rtsp://...) or a film"
         )
     return FirstCamera(source, "# As named with --source.")
 

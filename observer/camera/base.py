@@ -1,6 +1,5 @@
-"""Types shared by all picture sources, and how a source's text or address is read and printed; pure."""
+"""Types shared by all picture sources, and how a source's text is read; pure."""
 
-import re
 from collections.abc import Callable
 from typing import Any, Literal, Protocol
 
@@ -57,8 +56,6 @@ SCHEMES = ("rtsp", "rtsps", "http", "https")
 
 Kind = Literal["index", "device", "url", "unknown scheme", "path"]
 
-_HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d+)?")
-
 
 def kind_of(text: str) -> Kind:
     """The kind of source that the text names: "0", "/dev/video0", "rtsp://...", "clip.mp4", "pictures/"."""
@@ -70,27 +67,3 @@ def kind_of(text: str) -> Kind:
     if not separator:
         return "path"
     return "url" if scheme.lower() in SCHEMES else "unknown scheme"
-
-
-def without_secrets(text: str) -> str:
-    """The text as it may be printed: of an address only scheme, host, port and a path without secrets.
-
-    User, password and query are left out. Where a badly quoted password could hide in the rest (an @ or a missing
-    host in an unexpected place), only the scheme remains.
-    """
-    scheme, separator, rest = text.partition("://")
-    if not separator:
-        return text
-    authority, path, query = _split_address(rest)
-    host = authority.rpartition("@")[2]
-    if "@" in path or "@" in query or not _HOST.fullmatch(host):
-        return f"{scheme}://..."
-    # Some cameras expect /user=NAME_password=SECRET_channel=1 as the path.
-    return f"{scheme}://{host}{'/...' if '=' in path else path}"
-
-
-def _split_address(rest: str) -> tuple[str, str, str]:
-    """Authority, path, and query with fragment, of an address without its scheme."""
-    authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
-    path = re.split(r"[?#]", rest[len(authority) :], maxsplit=1)[0]
-    return authority, path, rest[len(authority) + len(path) :]

@@ -6,7 +6,8 @@ from functools import partial
 from pathlib import Path
 
 from common.errors import BadInput
-from observer.camera.base import NOMINAL_HZ, SCHEMES, Report, Size, ignore_report, kind_of, without_secrets
+from common.text import without_secrets
+from observer.camera.base import NOMINAL_HZ, SCHEMES, Report, Size, ignore_report, kind_of
 from observer.camera.capture import connect
 from observer.camera.files import PICTURES, PictureFolder, RecordedPictures, Video
 from observer.camera.live import LiveCamera
@@ -27,14 +28,15 @@ def open_pictures(
     loop: bool = False,
     start_ns: Start = None,
     repeats: bool = False,
+    show_path: bool = False,
 ) -> FrameSource:
     """The source that `text` names; relative paths are below `folder`.
 
     rate_hz: requested from a camera, or used instead of a recording's own rate. size_px: required width and height.
     speed, loop, start_ns, repeats: playback of recorded pictures, as in `RecordedPictures`. A live camera is
-    opened when its frames are asked for, and may be absent until then.
+    opened when its frames are asked for, and may be absent until then. show_path: its name has the path of its address.
 
-    Raises BadInput, which never contains a password, for an unknown scheme, a missing or empty file, an unreadable
+    Raises BadInput, which never contains a secret, for an unknown scheme, a missing or empty file, an unreadable
     video or codec, a folder without pictures, and pictures of different or wrong sizes.
     """
     if rate_hz is not None and not (math.isfinite(rate_hz) and rate_hz > 0):
@@ -48,12 +50,14 @@ def open_pictures(
             _open_recorded(text, folder, rate_hz, size_px), speed=speed, loop=loop, start_ns=start_ns, repeats=repeats
         )
     rate_hz = rate_hz or NOMINAL_HZ
-    name = f"camera {text}" if kind == "index" else without_secrets(text)
+    name = f"camera {text}" if kind == "index" else without_secrets(text, show_path=show_path)
     return LiveCamera(name, partial(connect, text, rate_hz, size_px), report, rate_hz, size_px)
 
 
 def _open_recorded(text: str, folder: Path, rate_hz: float | None, size_px: Size | None) -> RecordedPictures:
     path = folder / text
+    if not path.exists() and (shown := without_secrets(text)) != text:
+        raise BadInput(f"{shown}: an address without its scheme; write rtsp:// before it, or http://")
     if not text.strip() or not path.exists():
         raise BadInput(f"{path if text.strip() else repr(text)}: no such file or folder; a source is {KNOWN}")
     is_pictures = path.is_dir() or path.suffix.lower() in PICTURES

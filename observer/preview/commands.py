@@ -47,7 +47,8 @@ def look(
     Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
     """
     from common.config import ObserverConfig
-    from observer.camera.base import kind_of, without_secrets
+    from common.text import without_secrets
+    from observer.camera.base import kind_of
     from observer.camera.files import write_picture
     from observer.geometry.picture_size import size_advice
     from observer.geometry.views import parse_view

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from common.config import ObserverConfig, Scene, read_scene
 from common.errors import LabanmeshError
+from common.text import without_secrets
 from common.tracker_choice import POSE_TRACKERS, STANDARD_INPUT, chosen_tracker, content_of
 
 if TYPE_CHECKING:
@@ -66,12 +67,11 @@ class PreflightResult:
 
 def check_observer(scene: Scene, observer: str) -> PreflightResult:
     """Check everything that is needed before the first frame; never raises for what a scene file can get wrong."""
-    from observer.camera.base import without_secrets
     from observer.geometry.views import parse_view
     from observer.tracking.registry import tracker_named
 
     section, key = scene.observer(observer), f"observers.{observer}"
-    result = PreflightResult(observer, without_secrets(section.source))
+    result = PreflightResult(observer, without_secrets(section.source, show_path=section.show_path))
     view = result.attempt(lambda: parse_view(section.view, scene.place(".")))
     content = content_of(section.source)
     choice = chosen_tracker(section)

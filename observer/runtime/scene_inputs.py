@@ -215,6 +215,7 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: S
         loop=section.loop,
         start_ns=start_ns,
         repeats=True,
+        show_path=section.show_path,
     )
 
 

@@ -75,6 +75,7 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
         ('scene = "d"', "no observers: name at least one"),
         ('scene = "d"\n[observers]', "no observers"),
         ('scene = "d"\nobservers = 3', "observers = 3: must be a table"),
+        ('scene = "d"\n[observers]\ncam1 = "rtsps://nvr/KEY"', "observers.cam1 = 'rtsps://nvr/...': must be a table"),
         ('scene = "d"\n[observers.cam1]\nview = "door"', "observers.cam1.source: missing"),
         (LEAST.replace("source", "sorce"), "observers.cam1.sorce: unknown key; did you mean source?"),
         (LEAST.replace("observers", "observer"), "observer: unknown key; did you mean observers?"),
@@ -149,6 +150,11 @@ def test_each_fault_is_one_line_with_file_key_value_and_rule(fault, tmp_path, te
             'source = "1"\n',
             'Cannot overwrite a value (at line 4, column 13): source = "1"; each key stands once; remove one',
         ),
+        (
+            "source = rtsp://me:pw@cam/key",
+            'Invalid value (at line 4, column 10): source = ...; text stands in quotes, KEY = "TEXT"',
+        ),
+        ('source = "me:pw@cam\n', "Illegal character '\\n' (at line 4, column 20): source = \"...; the text in quotes"),
         ("\0", "Invalid statement (at line 4, column 1): ?; a line is KEY = VALUE, [SECTION] or # COMMENT"),
     ],
 )

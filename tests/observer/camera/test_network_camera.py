@@ -73,7 +73,7 @@ def viewer(port):
 
 
 def name_at(port):
-    return f"http://127.0.0.1:{port}/video"
+    return f"http://127.0.0.1:{port}/..."
 
 
 def test_a_stream_that_dies_and_comes_back(caplog):

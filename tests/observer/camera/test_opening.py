@@ -187,9 +187,13 @@ def test_a_truncated_video_is_played_as_far_as_it_goes_with_a_warning(tmp_path, 
 
 def test_an_address_is_not_opened_early_and_shows_no_password(tmp_path):
     line = rejection("ftp://me:s3cret@host/clip.mp4", tmp_path)
-    assert line == "ftp://host/clip.mp4: unknown kind of address; known: rtsp://, rtsps://, http://, https://"
+    assert line == "ftp://host/...: unknown kind of address; known: rtsp://, rtsps://, http://, https://"
+    assert rejection("me:s3cret@host/1", tmp_path).startswith(
+        "...@host/...: an address without its scheme; write rtsp://"
+    )
     source = open_pictures("rtsp://me:s3cret@host/1", tmp_path, size_px=(640, 480))
-    assert isinstance(source, LiveCamera) and source.name == "rtsp://host/1" and source.rate_hz == 30
+    assert isinstance(source, LiveCamera) and source.name == "rtsp://host/..." and source.rate_hz == 30
+    assert open_pictures("rtsp://me:s3cret@host/1", tmp_path, show_path=True).name == "rtsp://host/1"
     assert "s3cret" not in repr(source)
     assert open_pictures("0", tmp_path, rate_hz=15).name == "camera 0"
     assert open_pictures("/dev/video7", tmp_path).name == "/dev/video7"

@@ -1,12 +1,15 @@
 """Rules 1 to 4 of live.py, and addresses without their secrets."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from observer.camera.base import kind_of, without_secrets
+from common.text import without_secrets
+from observer.camera.base import kind_of
 from observer.camera.live import Backoff, CameraHealth, CameraHistory, CameraTimeouts, assess, digest, silent_in_s
 
 MS = 1_000_000
@@ -95,21 +98,35 @@ def test_kinds_of_source(text, kind):
 
 
 @pytest.mark.parametrize(
-    ("text", "printed"),
+    ("text", "printed", "with_path"),
     [
-        ("rtsp://admin:s3cret@cam.lan:554/live/1", "rtsp://cam.lan:554/live/1"),
-        ("http://[fe80::1]:80/v", "http://[fe80::1]:80/v"),
-        ("http://cam/video?user=a&pwd=s3cret", "http://cam/video"),
-        ("rtsp://cam:554/user=admin_password=s3cret_channel=1", "rtsp://cam:554/..."),
-        ("rtsp://admin:pa/s3cret@cam/1", "rtsp://..."),
-        ("clip.mp4", "clip.mp4"),
+        ("rtsp://admin:s3cret@cam.lan:554/live/1", "rtsp://cam.lan:554/...", "rtsp://cam.lan:554/live/1"),
+        ("rtsps://nvr:7441/TOKEN", "rtsps://nvr:7441/...", "rtsps://nvr:7441/TOKEN"),
+        ("http://[fe80::1]:80/v", "http://[fe80::1]:80/...", "http://[fe80::1]:80/v"),
+        ("http://cam/video?user=a&pwd=s3cret", "http://cam/...", "http://cam/video"),
+        ("rtsp://cam:554/user=admin_password=s3cret_channel=1", "rtsp://cam:554/...", "rtsp://cam:554/..."),
+        ("rtsp://admin:pa/s3cret@cam/1", "rtsp://...", "rtsp://..."),
+        ("rtsp://cam", "rtsp://cam", "rtsp://cam"),
+        ("admin:s3cret@cam", "...@cam", "...@cam"),
+        ("admin:s3cret@cam:554/live", "...@cam:554/...", "...@cam:554/live"),
+        ("admin:pa/s3cret@cam", "...", "..."),
+        ("nvr:7441/TOKEN", "nvr:7441/...", "nvr:7441/TOKEN"),
+        ("rtsps:nvr:7441/TOKEN", "rtsps:nvr:7441/...", "rtsps:nvr:7441/TOKEN"),
+        ("rtsps:/admin:s3cret@nvr:7441/TOKEN", "rtsps:/nvr:7441/...", "rtsps:/nvr:7441/TOKEN"),
+        ("clip.mp4", "clip.mp4", "clip.mp4"),
+        ("films/me@home.mp4", "films/me@home.mp4", "films/me@home.mp4"),
+        ("zenoh:tracks/cam1", "zenoh:tracks/cam1", "zenoh:tracks/cam1"),
     ],
 )
-def test_addresses_are_printed_without_secrets(text, printed):
+def test_addresses_are_printed_without_secrets(text, printed, with_path):
     assert without_secrets(text) == printed
+    assert without_secrets(text, show_path=True) == with_path
 
 
-@given(st.text("/?#@:&=%[]ab1", max_size=6), st.text("/?#@:&=%[]ab1", max_size=6), st.sampled_from(["rtsp", "ftp"]))
-def test_a_badly_quoted_password_is_never_printed(before, after, scheme):
-    for text in (f"{scheme}://u:{before}SECRET{after}@cam:1/v", f"{scheme}://cam:1/v?p={before}SECRET{after}"):
-        assert "SECRET" not in without_secrets(text)
+secrets = st.text("abcXYZ019:/@?#%&=;. []")
+
+
+@given(secrets, secrets, st.sampled_from(["rtsp://", "ftp://", "rtsps:/", ""]), st.text("abc/?&=@#", max_size=9))
+def test_a_badly_quoted_password_is_never_printed(before, after, scheme, behind):
+    for text in (f"{scheme}user:{before}SECRET{after}@cam:1/{behind}", f"{scheme}cam:1/v?p={before}SECRET{after}"):
+        assert not {"SECRET", "user"} & set(re.findall("SECRET|user", without_secrets(text, show_path=True)))

@@ -76,7 +76,9 @@ def test_a_model_that_knows_no_ordinary_life_is_doubted(place, preflight, labels
 
 def test_no_camera_is_opened_and_no_standard_input_read(preflight):
     assert preflight('source = "97"').faults == []
-    assert preflight('source = "rtsp://me:secret@127.0.0.1:9/x"').source == "rtsp://127.0.0.1:9/x"
+    address = 'source = "rtsp://me:secret@127.0.0.1:9/key"'
+    assert preflight(address).source == "rtsp://127.0.0.1:9/..."
+    assert preflight(address + "\nshow_path = true").source == "rtsp://127.0.0.1:9/key"
     assert "standard input" in preflight('source = "-"').doubts[0]
 
 
