@@ -23,7 +23,7 @@ from benchmarks.crowd.trial import CrowdPlan, run_trial
 from benchmarks.flood import RATES_HZ, SCENES
 from benchmarks.timing import BenchmarkRow, LeftOut
 from labanmesh import end_process
-from studies.report import make_folder, write_text
+from studies.output_files import make_folder, write_text
 
 RESULT = Path("build/bench.json")
 TIME_LIMIT_S = 280.0

@@ -10,10 +10,9 @@ import os
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Self, TypeVar, get_args
+from typing import Self, TypeVar, get_args
 
 from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
 from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata
@@ -22,6 +21,7 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from pydantic import ValidationError
 
+from common.capture_record import CaptureKind, CaptureRecord
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.text import plural
@@ -33,24 +33,7 @@ FORMAT = "1"
 TEXT_NAME = "scene.toml"
 CHANNELS_LIMIT = 10_000
 """Keys in one file: a peer that invents keys cannot fill the table of channels, which MCAP limits to 65535."""
-APPEARED, GONE = b"\xc3", b"\xc2"
-"""Payload of a token: true and false in MessagePack."""
-CaptureKind = Literal["put", "answer", "token"]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class CaptureRecord:
-    """One message of a capture: how it arrived, its key, its bytes, and its arrival time (ns since 1970).
-
-    `token`: a process appeared or has gone; the payload is APPEARED or GONE. `answer`: the answer to a query, which may
-    have been published long before it arrived.
-    """
-
-    kind: CaptureKind
-    key: str
-    payload: bytes
-    arrived_ns: int
 
 
 class CaptureWriter:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from common import SECOND_NS
-from common.capture_file import APPEARED, GONE, CaptureKind, CaptureRecord
+from common.capture_record import APPEARED, GONE, CaptureKind, CaptureRecord
 from common.command_options import LONGEST_S
 from common.config import Scene, read_scene
 from common.link import Link

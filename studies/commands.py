@@ -110,14 +110,15 @@ def paper(
     from observer.motion.archive import labels_of
     from observer.motion.archive_file import read_archive
     from studies.experiments import as_text, run_experiments
-    from studies.report import make_folder, write_report, write_text
+    from studies.output_files import write_text
+    from studies.report import prepare_report, write_report
     from studies.trials import labels_in
 
     whole = read_archive(archive)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}
     train, test = split_list("--train-subjects", train_subjects), split_list("--test-subjects", test_subjects)
     if report:
-        make_folder(report, "--report")
+        prepare_report(report)
     with ProgressBar() as bar:
         results = run_experiments(whole, sets, train, test, bar)
     text = as_text(results)

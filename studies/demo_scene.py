@@ -20,8 +20,8 @@ from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.camshift import CamshiftTracker
+from studies.output_files import make_folder, write_text
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
-from studies.report import make_folder, write_text
 from studies.trials import strung
 
 CORNERS = {

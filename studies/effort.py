@@ -23,7 +23,8 @@ from observer.tracks import Floats
 from studies.evaluate import Progress, check_names
 from studies.fusion_engine import DEFAULT_RULE, get_rule
 from studies.metrics import accuracy, expected_calibration_error, log_loss
-from studies.report import FRACTIONS, figures, make_folder, require_writable, write_text
+from studies.output_files import require_writable, write_text
+from studies.report import FRACTIONS, figures, prepare_report
 
 FUSED = "fused"
 
@@ -48,7 +49,7 @@ def effort(
     usual = Counter(r.rate_hz for r in whole.recordings).most_common(1)[0][0]
     chosen = [parse_view(text) for text in split_views(views)]
     if report is not None:
-        make_folder(report, "--report")
+        prepare_report(report)
     if json is not None:
         require_writable(json, "--json")
     with ProgressBar() as bar:

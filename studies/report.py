@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput, LabanmeshError, reason_of
+from common.errors import LabanmeshError
 from common.probability import entropy_bits
 from common.text import plural
 from observer.tracks import Floats
@@ -24,6 +24,7 @@ from studies.metrics import (
     expected_calibration_error,
     log_loss,
 )
+from studies.output_files import make_folder, write_text
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import JudgedStream, StreamResult, by_person, spans_hit
 
@@ -226,7 +227,6 @@ def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
 
 def draw_streams(result: StreamResult, folder: Path) -> list[Path]:
     """One timeline per person: truth, first words and last words; other motion in figures of its own."""
-    make_folder(folder, "--report")
     kinds = {"stream": result.streams, "other-motion": result.other_motion}
     return [
         _draw(
@@ -270,31 +270,7 @@ def _file_name(name: str) -> str:
     return "".join(c if c.isalnum() or c in "._-" else "-" for c in name)
 
 
-def make_folder(folder: Path, option: str) -> None:
-    """Make a folder and its parents; raises BadInput that names the option for another one."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(
-            f"cannot make the folder {folder}: {reason_of(error)}. Choose another one with {option}"
-        ) from None
-
-
-def require_writable(path: Path, option: str) -> None:
-    """Check a file to write before the long work; raises BadInput as `write_text` does."""
-    is_new = not path.exists()
-    try:
-        path.open("a").close()
-    except OSError as error:
-        raise BadInput(f"cannot write {path}: {reason_of(error)}. Choose another path with {option}") from None
-    if is_new:
-        path.unlink()
-
-
-def write_text(path: Path, text: str, option: str) -> Path:
-    """Write a file and return its path; raises BadInput that names the option for another path."""
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"cannot write {path}: {reason_of(error)}. Choose another path with {option}") from None
-    return path
+def prepare_report(folder: Path) -> None:
+    """Check before the long work that a report can be written, and make its folder; raises as `write_report` does."""
+    figures()
+    make_folder(folder, "--report")

@@ -10,20 +10,17 @@ from common.errors import BadInput
 from common.parallel import cores
 from common.progress import ProgressBar
 from observer.motion.archive import MotionArchive, select
-from observer.rendering.scenery import Scenery
 from studies.evaluate import EvaluationResult, EvaluationSettings, require_fits, results_of
-from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels
 from studies.learning_curve import as_table, learning_curve
 from studies.observing import Extent, observe_folds
+from studies.output_files import require_writable, write_text
 from studies.over_mesh import fused_over_mesh
 from studies.report import (
     as_json,
     draw_learning_curve,
     draw_streams,
-    make_folder,
-    require_writable,
+    prepare_report,
     write_report,
-    write_text,
 )
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamResult
@@ -86,7 +83,7 @@ def run_evaluation(
 ) -> list[Path]:
     """Evaluate with progress, print the result, write the requested files; returns the files."""
     if report:
-        make_folder(report, "--report")
+        prepare_report(report)
     if json:
         require_writable(json, "--json")
     require_fits(settings)
@@ -129,6 +126,10 @@ def _from_pixels(
     archive: MotionArchive, settings: EvaluationSettings, tasks: EvaluationTasks, needs_raw: bool, bar: ProgressBar
 ) -> _Outcome:
     """From pictures at a camera's rate, and for comparison from the joints."""
+    # Imported on use: positions need no OpenCV.
+    from observer.rendering.scenery import Scenery
+    from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels
+
     sampled = select(archive, rate_hz=RATE_HZ)
     result = evaluate_pixels(sampled, settings, Filming(Scenery(background=tasks.scenery)), bar)
     joints = _from_joints(sampled, settings, tasks, needs_raw, bar)

@@ -23,7 +23,7 @@ from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
 from studies.evaluate import EvaluationSettings
 from studies.evaluate_options import JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
-from studies.report import write_text
+from studies.output_files import write_text
 from studies.sensors import performances, read_sensors
 from studies.trials import labels_in
 

@@ -14,7 +14,7 @@ from benchmarks.scale.measured import Measured, parse_measured
 from benchmarks.scale.process import Load
 from benchmarks.scale.table import FACTORS, ScaleInputs, marks, tables
 from common.errors import BadInput, reason_of
-from studies.report import write_text
+from studies.output_files import write_text
 
 MEASURED = "measured.json"
 

@@ -31,7 +31,7 @@ from common.errors import LabanmeshError
 from common.keys import SceneKeys
 from common.link import Link
 from common.text import one_of, split_list
-from studies.report import write_text
+from studies.output_files import write_text
 
 PARTS = ("costs", "runs", "tokens")
 NAP_S = 0.005

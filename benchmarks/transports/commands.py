@@ -19,7 +19,7 @@ from benchmarks.transports.clients import KINDS, available, program
 from benchmarks.transports.stage import RunFigures, flooded, judgement, paced, posteriors, processors
 from common.progress import ProgressBar
 from common.text import one_of, plural, split_list
-from studies.report import make_folder, write_text
+from studies.output_files import make_folder, write_text
 
 PACKAGES = {"zenoh": "eclipse-zenoh", "paho": "paho-mqtt", "nats": "nats-py", "zmq": "pyzmq"}
 BEGIN = "<!-- transports: from here to the end mark, `make peers-transport` writes -->"

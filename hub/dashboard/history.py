@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from common import MINUTE_NS, SECOND_NS
-from common.capture_file import APPEARED, CaptureRecord
+from common.capture_record import APPEARED, CaptureRecord
 from common.keys import observer_of
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.wire import BadMessage

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from common import SECOND_NS
-from common.capture_file import APPEARED, GONE, CaptureRecord
+from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.clock_skew import ClockReading
 from common.errors import LabanmeshError
 from common.keys import SceneKeys, observer_of

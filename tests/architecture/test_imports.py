@@ -65,8 +65,8 @@ IMPURE = {
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "observer.runtime.preflight observer.runtime.start_barrier "
-        "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.report "
-        "studies.run_evaluation"
+        "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.output_files "
+        "studies.report studies.run_evaluation"
     ),
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.lifecycle common.log_limit "
@@ -93,7 +93,6 @@ IMPURE = {
 """What modules use that are not pure, and the patterns of their names. All other modules are pure."""
 PURE_ALL_THE_SAME = ("observer.camera.base", "observer.preview.sight", "observer.preview.track_doubts")
 ALLOWED = {
-    ("studies.replay.judging", "common.capture_file"): "the record type",
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("observer.tracking.registry", "pathlib"): "a tracker may be told the name of a file",
     ("observer.motion.sensors", "pathlib"): "a sensor is named with its file",

@@ -7,7 +7,8 @@ import pytest
 from played_scene import VOCABULARY, Dashboard, PlayedScene
 from processes import SOON_S
 
-from common.capture_file import CaptureRecord, CaptureWriter
+from common.capture_file import CaptureWriter
+from common.capture_record import CaptureRecord
 from common.config import read_scene
 from common.messages import Contribution, JudgementMessage, VerdictMessage, Vote
 from common.wire import encode, encode_vocabulary

@@ -6,7 +6,8 @@ import time
 import pytest
 
 import labanmesh
-from common.capture_file import APPEARED, GONE, CaptureFile, CaptureWriter
+from common.capture_file import CaptureFile, CaptureWriter
+from common.capture_record import APPEARED, GONE
 from common.config import read_scene
 from common.link import Link
 from common.wire import encode

@@ -2,19 +2,21 @@
 
 import dataclasses
 import json
+import sys
 
 import numpy as np
 import pytest
 
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
+from studies.output_files import require_writable
 from studies.over_mesh import fused_over_mesh
 from studies.performer import perform, perform_continuously
-from studies.report import as_json, require_writable, write_report
+from studies.report import as_json, prepare_report, write_report
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamVerdict, score
 from studies.stream import judge_streams
@@ -112,6 +114,13 @@ def test_files_are_checked_before_the_long_work(tmp_path):
     for path in (tmp_path, tmp_path / "no" / "out.json"):
         with pytest.raises(BadInput, match=r"^cannot write .* Choose another path with --json$"):
             require_writable(path, "--json")
+
+
+def test_a_report_without_matplotlib_is_refused_before_the_long_work(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "studies.figures", None)  # as if its import failed
+    with pytest.raises(LabanmeshError, match=r"matplotlib is not installed; pip install 'labanmesh\[report\]'"):
+        prepare_report(tmp_path / "out")
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 import labanmesh
 from common import SECOND_NS as SECOND
-from common.capture_file import APPEARED, GONE, CaptureFile, CaptureRecord, CaptureWriter
+from common.capture_file import CaptureFile, CaptureWriter
+from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link

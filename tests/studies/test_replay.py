@@ -28,7 +28,7 @@ from replay_stage import (
 )
 
 import labanmesh
-from common.capture_file import APPEARED, GONE, CaptureRecord
+from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.wire import decode, encode

@@ -3,7 +3,7 @@
 import pytest
 from replay_stage import NOON, OBSERVERS, ROOT, STEP, key_of, labels, posterior
 
-from common.capture_file import APPEARED, GONE, CaptureRecord
+from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.messages import PosteriorMessage, StatusMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode, encode_vocabulary
