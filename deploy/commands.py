@@ -1,6 +1,6 @@
 """The verb `labanmesh up`: all processes of a scene on this machine."""
 
-import fcntl
+import os
 import sys
 import tempfile
 import threading
@@ -20,6 +20,7 @@ from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.launcher import Job, Launcher, RestartPolicy
+from deploy.scene_lock import only_once, runtime_folder
 from deploy.start_barrier import open_start_barrier
 
 START_TOGETHER_S = 2.0
@@ -61,7 +62,7 @@ def up(
         print(f"{name}: reads tracks from its standard input, start it by hand: {command}", file=sys.stderr)
     started = jobs(scene, config)
     with (
-        only_once(scene),
+        only_once(config, runtime_folder(os.environ)),
         stop_on_signals() as stop,
         _set_after(for_s, stop),
         tempfile.TemporaryDirectory(prefix="labanmesh-") as folder,
@@ -83,23 +84,6 @@ def up(
     if status:
         raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
     return 0
-
-
-@contextmanager
-def only_once(scene: Path) -> Iterator[None]:
-    """Until the block is left no other `up` on this machine can enter it with this file.
-
-    Raises LabanmeshError, one line with the way out, if another one has. One that was killed does not count.
-    """
-    with scene.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise LabanmeshError(f"{scene}: labanmesh up runs already with this file; stop that one first") from None
-        except OSError:
-            # A file system without locks: the ports and ids of the scene show another one a moment later.
-            pass
-        yield
 
 
 @contextmanager

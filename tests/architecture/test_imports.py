@@ -60,7 +60,7 @@ IMPURE = {
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
-        "deploy.doctor.machine deploy.doctor.scene_file deploy.start_barrier "
+        "deploy.doctor.machine deploy.doctor.scene_file deploy.scene_lock deploy.start_barrier "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
