@@ -214,7 +214,9 @@ def _locked(folder: Path) -> Iterator[None]:
     """Until the block is left no other process changes the register in `folder`."""
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; labanmesh secure init SCENE makes an authority")
-    with _writing(folder), (folder / LOCK).open("ab") as file:
+    with _writing(folder), os.fdopen(os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600), "rb") as file:
+        # Earlier versions left it open to everybody.
+        os.fchmod(file.fileno(), 0o600)
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
@@ -245,6 +247,6 @@ def _write_new(path: Path, content: bytes, mode: int) -> None:
 def _replace(path: Path, text: str) -> None:
     """Replaces the file's text atomically; raises LabanmeshError."""
     with _writing(path):
-        replace_file(path, text.encode())
-        # No secrets in these; the router may run as another user.
+        replace_file(path, text.encode(), 0o644)
+        # No secrets in these; the router may run as another user, whatever the umask is.
         path.chmod(0o644)

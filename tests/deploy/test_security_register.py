@@ -208,13 +208,23 @@ def test_roles_in_several_scenes(both, name, requested, words):
     assert roles_of(both, name, requested).words == words
 
 
-def test_keys_are_for_their_owner_alone(authority, tmp_path):
+@pytest.fixture
+def umask():
+    """A process whose new files everybody may write."""
+    old = os.umask(0)
+    yield
+    os.umask(old)
+
+
+def test_keys_are_for_their_owner_alone(umask, authority, tmp_path):
     assert authority.add("sofa", SOFA, (), NOW).common_name == "sofa.1"
     place = tmp_path / "secure" / "sofa.1"
     modes = {path.name: stat.S_IMODE(path.stat().st_mode) for path in place.iterdir()}
     assert modes == {"ca.pem": 0o644, "certificate.pem": 0o644, "key.pem": 0o600}
     assert stat.S_IMODE(place.stat().st_mode) == stat.S_IMODE(place.parent.stat().st_mode) == 0o700
-    assert stat.S_IMODE((place.parent / "ca-key.pem").stat().st_mode) == 0o600
+    files = {path.name: stat.S_IMODE(path.stat().st_mode) for path in place.parent.iterdir() if path.is_file()}
+    open_files = {"ca.pem": 0o644, "register.json": 0o644, "router.json5": 0o644}
+    assert files == {"ca-key.pem": 0o600, "lock": 0o600, **open_files}
     assert read_certificate(place / "certificate.pem") == Certificate(
         "sofa.1", NOW - timedelta(hours=1), NOW + timedelta(days=365), ("observer:sofa",)
     )

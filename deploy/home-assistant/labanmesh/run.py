@@ -48,13 +48,14 @@ def main(root: Path, supervisor: str) -> int:
             environment = {**_mesh(options, folder), **_broker(options, root, supervisor, stop)}
             # What a process keeps over a restart.
             environment |= {MODELS: str(_made(folder / "models")), "STATE_DIRECTORY": str(root / "data")}
-            token = _token(folder)
+            token = _token(options, folder)
             path = _scene_file(options, root)
             scene = read_scene(path, {**os.environ, **environment})
             if options["blueprints"]:
                 _put_blueprints(root / "homeassistant")
-            word = token.read_text("utf-8").strip()
-            print(f"the page is at port 8420 of this machine, and asks for this token: {word}", flush=True)
+            # Whoever may read the log, or a copy of it in a report, may not teach.
+            places = "the option page_token, or the file token.txt in the app's folder"
+            print(f"the page is at port 8420 of this machine; its token: {places}", flush=True)
             return Launcher(_jobs(path, scene, options, token), environment=environment).run(stop)
     except LabanmeshError as error:
         print(error, file=sys.stderr, flush=True)
@@ -163,12 +164,12 @@ def _reason(error: Exception) -> str:
     return f"no answer of the supervisor ({error})"
 
 
-def _token(folder: Path) -> Path:
-    """The file with the token that the page asks for; made once."""
-    path = folder / "token.txt"
-    if not path.exists():
+def _token(options: Options, folder: Path) -> Path:
+    """The file with the token that the page asks for: the options' one, else one that is made once."""
+    path, own = folder / "token.txt", options.get("page_token")
+    if own or not path.exists():
         path.touch(0o600)
-        path.write_text(f"{secrets.token_hex(8)}\n", "utf-8")
+        path.write_text(f"{own or secrets.token_hex(8)}\n", "utf-8")
     return path
 
 

@@ -38,7 +38,9 @@ def test_options_that_cannot_work_are_one_line(run, root, capsys, options, line)
     assert error.count("\n") == 1 and line in error
 
 
-def test_without_a_router_everything_runs_here_and_an_own_scene_file_goes_first(run, root, capsys, monkeypatch):
+@pytest.fixture
+def started(run, monkeypatch):
+    """What the app would start: the command of each job, and their environment."""
     started = {}
 
     class Recorded:
@@ -49,6 +51,10 @@ def test_without_a_router_everything_runs_here_and_an_own_scene_file_goes_first(
             return 0
 
     monkeypatch.setattr(run, "Launcher", Recorded)
+    return started
+
+
+def test_without_a_router_everything_runs_here_and_an_own_scene_file_goes_first(run, root, started):
     write_options(
         root, mqtt_host="broker.local", cameras=[{"name": "sofa", "source": 'rtsp://a"b/ä'}, {"name": "shelf"}]
     )
@@ -61,6 +67,19 @@ def test_without_a_router_everything_runs_here_and_an_own_scene_file_goes_first(
     started.clear()
     assert run.main(root, "") == 0 and "door" in started and "sofa" not in started
     assert str(root / "config/scene.toml") in started["[mqtt]"]
+
+
+@pytest.mark.usefixtures("started")
+def test_the_log_does_not_show_the_token_of_the_page(run, root, capsys):
+    file = root / "config/token.txt"
+    for own in ("", "", "correct-horse-battery", ""):
+        before = file.read_text() if file.exists() else ""
+        write_options(root, mqtt_host="broker.local", cameras=[{"name": "sofa"}], page_token=own)
+        assert run.main(root, "") == 0
+        token = file.read_text().strip()
+        assert token == (own or before.strip() or token) and len(token) >= 16 and file.stat().st_mode & 0o777 == 0o600
+        log = capsys.readouterr().out
+        assert token not in log and "the option page_token, or the file token.txt" in log
 
 
 def test_the_broker_is_the_one_that_the_supervisor_names_as_soon_as_it_does(run, root, capsys, monkeypatch):
