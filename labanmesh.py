@@ -54,7 +54,7 @@ VERBS = {
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
     "hub": Verb("hub.mqtt.commands", "hub", "connect scenes to Home Assistant through an MQTT broker"),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
-    "import": Verb("observer.commands", "import_recordings", "convert recordings in other formats to a motion archive"),
+    "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
     "calibrate": Verb(
         "observer.calibration.commands", "calibrate", "make camera files from boards, known points or other formats"
     ),

@@ -1,21 +1,14 @@
 """Imports between packages and of libraries, checked in the source."""
 
 import ast
-import re
-import sys
-import tomllib
 from fnmatch import fnmatch
-from functools import cache
 from importlib.metadata import packages_distributions
-from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+from source_imports import FILES, HOUSE, ROOMS, all_imports, trees
 
 from labanmesh import VERBS
 
-HOUSE = Path(__file__).parents[2]
-ROOMS = ("common", "observer", "fusion", "hub", "studies", "deploy")
 MAY_ENTER = {
     "common": {"common"},
     "observer": {"observer", "common"},
@@ -38,13 +31,6 @@ ONLY_IN = {
     "matplotlib": "studies/figures/*",
     "scipy": "observer/*",
 }
-PROVIDED_BY = {"sse_starlette": "sse-starlette", "prometheus_client": "prometheus-client", "zenoh": "eclipse-zenoh",
-               "cv2": "opencv-python-headless"}  # fmt: skip
-"""Import names that differ from the distribution's name."""
-EXTRAS_OF = {"common": ["capture"], "hub": ["mqtt", "dashboard"], "observer": ["observer"],
-             "studies": ["observer", "report"]}  # fmt: skip
-"""Packages that may need more than the plain install."""
-
 OUTSIDE_WORLD = {
     *("time", "socket", "threading", "subprocess", "os", "pathlib", "signal", "tempfile", "shutil", "zipfile", "sys"),
     *("multiprocessing", "asyncio", "select", "selectors", "logging", "tomllib", "urllib", "http", "random", "secrets"),
@@ -102,60 +88,6 @@ ALLOWED = {
 }
 
 
-class Import(NamedTuple):
-    """One import: the module, what it imports, the line, and whether it runs when the module is imported."""
-
-    by: str
-    of: str
-    line: int
-    at_import: bool
-    for_types: bool
-
-    @property
-    def top(self):
-        return self.of.partition(".")[0]
-
-    @property
-    def place(self):
-        return f"{self.by} line {self.line}"
-
-
-def module_name(path):
-    parts = path.relative_to(HOUSE).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-FILES = {module_name(p): p for p in [HOUSE / "labanmesh.py", *(f for r in ROOMS for f in (HOUSE / r).rglob("*.py"))]}
-
-
-@cache
-def trees():
-    """The syntax tree of each module. Not at import: every worker imports this file, and one runs its tests."""
-    return {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
-
-
-def imports_in(module, node, at_import=True, for_types=False):
-    for child in ast.iter_child_nodes(node):
-        inside = at_import and not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-        types = for_types or (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test))
-        if isinstance(child, ast.Import):
-            for alias in child.names:
-                yield Import(module, alias.name, child.lineno, at_import, for_types)
-        elif isinstance(child, ast.ImportFrom):
-            assert child.level == 0, f"{module} line {child.lineno}: import by the full name, not by dots"
-            for alias in child.names:
-                whole = f"{child.module}.{alias.name}"
-                of = whole if whole in FILES else child.module
-                yield Import(module, of, child.lineno, at_import, for_types)
-        else:
-            yield from imports_in(module, child, inside, types)
-
-
-@cache
-def all_imports():
-    return [each for name, tree in trees().items() for each in imports_in(name, tree)]
-
-
 def room_of(module):
     return module.partition(".")[0]
 
@@ -205,28 +137,6 @@ def test_each_heavy_library_is_imported_in_one_place(library, where):
         for i in all_imports()
         if i.top == library and not any(fnmatch(str(FILES[i.by].relative_to(HOUSE)), w) for w in where.split())
     ]
-    assert not faults, listed(faults)
-
-
-def declared():
-    """Per extra ("" for the plain install) the distributions that pyproject.toml names."""
-    project = tomllib.loads((HOUSE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    groups = {"": project["dependencies"], **project["optional-dependencies"]}
-    return {extra: {re.match(r"[\w-]+", line)[0] for line in lines} for extra, lines in groups.items()}
-
-
-def test_every_imported_library_is_declared():
-    groups = declared()
-    faults = []
-    for i in all_imports():
-        if i.top in sys.stdlib_module_names or i.top in (*ROOMS, "labanmesh"):
-            continue
-        extras = ("", *EXTRAS_OF.get(room_of(i.by), ()))
-        if PROVIDED_BY.get(i.top, i.top) not in set().union(*(groups[extra] for extra in extras)):
-            faults.append(
-                f"{i.place} imports {i.top}: not among the dependencies that {room_of(i.by)} may need "
-                f"({' + '.join(extra or 'plain' for extra in extras)}); declare it in pyproject.toml or do without"
-            )
     assert not faults, listed(faults)
 
 
