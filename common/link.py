@@ -113,10 +113,14 @@ class Link(SubSession):
             raise LabanmeshError(reason(str(error), where)) from None
 
     @staticmethod
-    def check_router(text: str, where: str) -> None:
-        """Raises BadInput, one line that names `where` it is, unless `text` is a Zenoh configuration in JSON5."""
+    def check_router(text: str, where: str) -> list[str]:
+        """The endpoints where a router with the Zenoh configuration `text` (JSON5) listens.
+
+        Raises BadInput, one line that names `where` it is, unless it is such a configuration.
+        """
         try:
-            zenoh.Config.from_json5(text)
+            endpoints = json.loads(zenoh.Config.from_json5(text).get_json("listen/endpoints"))
+            return list(endpoints.get("router", ()) if isinstance(endpoints, dict) else endpoints)
         except zenoh.ZError as error:
             fault = " ".join(str(error).split(" at /")[0].split())[:200]
             raise BadInput(f"{where}: no Zenoh router configuration: {fault}; see docs/design/security.md") from None

@@ -198,13 +198,19 @@ def is_free(facts: NetworkFacts) -> bool:
     return facts.zenoh_s is None and facts.mesh.mode == "machine" and silent and facts.local
 
 
-def _exposure(mesh: MeshConfig) -> Iterator[Finding]:
-    parts = EndpointParts.of(mesh.endpoint)
+def exposure(endpoint: str) -> str:
+    """What strangers may do where processes meet at `endpoint` without certificates; "" where none reaches it."""
+    parts = EndpointParts.of(endpoint)
     if parts.protocol in SECURE or not parts.host or LOOPBACK.match(parts.host):
-        return
+        return ""
     where = "on every interface of this machine" if parts.host in EVERY_INTERFACE else "in the network"
-    what = f"{mesh.endpoint}: open {where} without encryption: anybody there can listen and publish for any observer"
-    yield warning(GROUP, what, "labanmesh secure init, or use a network that you trust")
+    may = "look on, speak for any observer, teach movements and make it forget them"
+    return f"{endpoint}: open {where} without certificates: whoever reaches it may {may}"
+
+
+def _exposure(mesh: MeshConfig) -> Iterator[Finding]:
+    if what := exposure(mesh.endpoint):
+        yield warning(GROUP, what, "labanmesh secure init SCENE, or use a network that you trust")
 
 
 def _reachability(facts: NetworkFacts) -> Finding:

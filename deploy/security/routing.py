@@ -24,6 +24,7 @@ from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, nested, settings
+from deploy.doctor.network import exposure
 from deploy.security.issuing import FOLDER, REGISTER, read_register, read_scenes
 from deploy.security.router_config import listening, router_config
 
@@ -140,6 +141,8 @@ def route(rules: RouterRules, stop: threading.Event, poll_s: float = POLL_S) -> 
         while not stop.is_set():
             with _open(current.text, rules, stop, timeout_s) as link:
                 print(f"labanmesh router: listening on {link.locator}", file=sys.stderr, flush=True)
+                for fault in filter(None, map(exposure, Link.check_router(current.text, rules.source))):
+                    log.warning("%s; labanmesh secure init SCENE, or listen on tcp/127.0.0.1:7447", fault)
                 notifier.ready()
                 current, timeout_s = _wait_for_change(rules, current, link, notifier, stop, poll_s), REOPEN_S
     finally:
@@ -198,7 +201,8 @@ def _stamp(path: Path) -> FileStamp:
 
 def router(
     endpoint: Annotated[
-        str, typer.Argument(help="Where it listens: tcp/0.0.0.0:7447 is every interface of this machine.")
+        str,
+        typer.Argument(help="Where it listens, by default on this machine alone; tcp/0.0.0.0:7447: for all."),
     ] = "",
     scene: Annotated[
         list[Path] | None,
@@ -211,7 +215,7 @@ def router(
     """A Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
 
     Scene files then say mode = "router" and this machine's address under [mesh] endpoint. The router notices changes
-    in its files.
+    in its files. It warns where other machines reach it without certificates.
 
     Example: labanmesh router tcp/0.0.0.0:7447
 

@@ -101,6 +101,11 @@ def test_every_service_starts_an_existing_verb(files, request):
             understood(service["command"])
 
 
+def test_without_certificates_only_this_machine_reaches_the_router(plain):
+    assert [port["host_ip"] for service in plain.values() for port in service.get("ports", [])] == ["127.0.0.1"]
+    assert '["router"]' in instructions("CMD"), "by default it listens on loopback"
+
+
 def test_every_service_is_monitored_and_confined(plain):
     (health,) = instructions("HEALTHCHECK")
     test_of_the_image = ["CMD", *json.loads(re.search(r"CMD (.*)$", health)[1])]

@@ -59,7 +59,7 @@ def test_zenoh_reads_it_and_it_has_the_settings_of_ours(file):
     assert {name: rule[name] for name in NEVER_BLOCKING} == NEVER_BLOCKING
     assert read["adminspace"] == {"enabled": True, "permissions": {"read": True, "write": False}}
     (endpoint,) = read["listen/endpoints"]
-    assert endpoint == ("tcp" if file is PLAIN else "tls") + "/0.0.0.0:7447"
+    assert endpoint == ("tcp/127.0.0.1:7447" if file is PLAIN else "tls/0.0.0.0:7447")
     # A scene file may name this endpoint.
     assert MeshConfig(mode="router", endpoint=endpoint).endpoint == endpoint
 

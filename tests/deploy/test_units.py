@@ -89,6 +89,12 @@ def test_an_observer_keeps_what_it_is_taught_in_its_state_folder():
     assert settings(observer, "ProtectSystem") == ["strict"] and not settings(observer, "ReadWritePaths")
 
 
+def test_without_certificates_only_this_machine_reaches_the_router():
+    (default,) = re.findall(r"LABANMESH_ROUTER=(\S+)", " ".join(settings(SERVICES[2], "Environment")))
+    assert default == "tcp/127.0.0.1:7447"
+    assert not re.search("^LABANMESH_ROUTER=", (UNITS / "labanmesh.env").read_text("utf-8"), re.MULTILINE)
+
+
 @services
 def test_the_command_of_a_service_is_parsed(name):
     (line,) = settings(name, "ExecStart")

@@ -16,7 +16,7 @@ from benchmarks.timing import free_port
 from common.config import read_scene
 from common.errors import LabanmeshError
 from common.link import Link
-from deploy.security.routing import route, rules_in_file, rules_of_scenes
+from deploy.security.routing import plain_rules, route, rules_in_file, rules_of_scenes
 from labanmesh import main
 
 OBSERVERS = "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in ("sofa", "shelf"))
@@ -221,6 +221,36 @@ def test_the_process_prints_where_it_listens_and_ends_cleanly(scene, prepare):
         assert process.stderr.readline() == f"labanmesh router: listening on {endpoint}\n"
         os.kill(process.pid, signal.SIGTERM)
         assert process.wait(SOON_S) == 0
+        assert process.stderr.read() == "", "it has certificates and warns of nothing"
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "warning"),
+    [
+        ("tcp/127.0.0.1:0", ""),
+        (
+            "tcp/0.0.0.0:0",
+            "open on every interface of this machine without certificates: whoever reaches it may",
+        ),
+        ("tcp/[::]:0", "teach movements and make it forget them; labanmesh secure init SCENE, or listen on tcp/127"),
+    ],
+)
+def test_a_router_without_certificates_says_what_strangers_may_do(endpoint, warning, caplog, tmp_path):
+    file = tmp_path / "router.json5"
+    file.write_text(json.dumps({"mode": "router", "listen": {"endpoints": {"router": [endpoint]}}}))
+    for rules in (plain_rules(endpoint), rules_in_file(file)):
+        caplog.clear()
+        assert Link.check_router(rules.text(), "here") == [endpoint]
+        route(rules, Opened())
+        assert [warning in line for line in caplog.messages] == [True] * bool(warning)
+
+
+class Opened(threading.Event):
+    """Is set as soon as the router waits for it."""
+
+    def wait(self, timeout=None):
+        self.set()
+        return True
 
 
 def test_a_running_router_takes_up_a_scene_that_joins(scene, secure, monkeypatch, caplog):
