@@ -1,14 +1,18 @@
 """Messages of bounded size: optional detail goes first, judgements are short, and what cannot fit is refused."""
 
+import re
+
 import msgpack
 import numpy as np
 import pytest
+from doc_pages import ROOT
 from hypothesis import given
 from message_stage import DISTRIBUTIONS, judgement, posterior, reason_of, status, verdict, vote
 
 from common import wire
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
+from common.facets import FACETS
 from common.message_types import p_of_roots
 from common.messages import (
     Contribution,
@@ -136,3 +140,19 @@ def test_the_roots_of_a_distribution_are_precise(p):
 def test_roots_that_are_no_distribution_are_rejected(roots):
     fields = {**judgement().model_dump(), "votes": {"cam1": {**vote().model_dump(), "root_p": roots}}}
     assert reason_of(JudgementMessage, msgpack.packb(fields)) == "malformed"
+
+
+def test_a_posterior_has_as_many_bytes_as_wire_md_says():
+    page = (ROOT / "docs/reference/wire.md").read_text("utf-8").partition("\n## Bytes\n")[2]
+    rows = r"has about (\d+) bytes.*?\nand (\d+) more.*?, three facets \| (\d+) .*?, seven facets \| (\d+) "
+    documented = map(int, re.search(rows, page, re.DOTALL).groups())
+
+    def size(facets="none", **more):
+        facets = {name: [1 / len(ends)] * len(ends) for name, ends in FACETS.items() if name.startswith(facets)} or None
+        stamps = {"captured_ns": 2**60, "sent_ns": 2**60, "frames": 3000, "seq": 3000, "session": "oZ3f-Q"}
+        beliefs = {"p": [0.05] * 20, "rest": 0.1, "unlearned": 0.1, "vocabulary": {"hash": "18cd4f5c227ff9f1"}}
+        return len(encode(posterior(v=2, scene=None, observer=None, facets=facets, **stamps, **beliefs, **more)))
+
+    parts = dict.fromkeys(("left_hand", "right_hand", "head"), False)
+    more = [each - size() for each in (size(visible=parts), size("shape"), size(""))]
+    assert [size(), *more] == [pytest.approx(each, rel=0.03) for each in documented]
