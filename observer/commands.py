@@ -103,7 +103,8 @@ def _pipeline(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "M
     movements = plural(header.vocabulary.size, "movement")
     log.info("%s: %s model of %s for %s", observer, header.kind, movements, header.view)
     onset = Onset(known=section.onset == "known", length=inputs.length)
-    resampler = None if inputs.at_own_rate else Resampler(header.rate_hz)
+    # Also of motion at the model's own rate, of which frames are skipped when the observer is too slow.
+    resampler = Resampler(header.rate_hz)
     return Observer(inputs.tracker, model, onset, resampler, _facet_reader(scene, observer, header, inputs))
 
 

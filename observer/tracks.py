@@ -42,7 +42,8 @@ class Frame:
     for recorded motion, (P, 2) centres for tracks. motion_ns: time within the motion, from any origin, for recordings
     that are not played at the speed at which they were recorded. last: the recording ends with this frame, and its
     movement too; the next frame, if any, begins another recording, or the same one again. repeated: it is the previous
-    frame once more, which slow playback still shows at that time; it contains nothing new.
+    frame once more, which slow playback still shows at that time; it contains nothing new. skipped: how many frames the
+    source has left out before this one, because newer ones could be delivered when the observer asked.
     """
 
     captured_ns: int
@@ -50,6 +51,7 @@ class Frame:
     motion_ns: int | None = None
     last: bool = False
     repeated: bool = False
+    skipped: int = 0
 
     @property
     def at_ns(self) -> int:
@@ -135,4 +137,7 @@ class FrameSource(Protocol):
         """Names of the rows of a frame's content, if the content is positions or tracks."""
 
     def frames(self, stop: "threading.Event") -> Iterator[Frame]:
-        """The frames, each when it is due; ends soon after `stop` is set."""
+        """The frames, each when it is due; ends soon after `stop` is set.
+
+        A source in real time gives an observer that is too slow the newest frame, and counts the others in `skipped`.
+        """

@@ -16,11 +16,10 @@ import numpy as np
 
 from common import SECOND_NS
 from common.errors import BadInput
-from common.text import plural
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import silence_opencv
 from observer.files import WAY_OUT, write_file
-from observer.motion.playback import Start, begin_ns, is_overtaken, repeated_until, wait_until
+from observer.motion.playback import FramePlayer, Start, begin_ns
 from observer.tracks import Frame
 
 log = logging.getLogger("labanmesh.observer")
@@ -38,6 +37,24 @@ PICTURE_BYTES = 256 * 2**20
 """A picture is shorter; a device that never ends is none."""
 
 
+Skips = Callable[[int], bool]
+"""Whether to leave out the picture of this number, unless it is the last one."""
+
+
+def none_skipped(_number: int) -> bool:
+    """Every picture is wanted."""
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class PictureOfMany:
+    """A picture of a film or a folder, its number from 0, and whether it is the last one."""
+
+    number: int
+    picture: Picture
+    last: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Video:
     """A video file whose first picture could be read. rate_hz: None when it states none. count: as it states."""
@@ -51,7 +68,7 @@ class Video:
     def open(cls, path: Path) -> "Video":
         """Read the first picture; BadInput when the file holds no readable video."""
         with _capture(path) as capture:
-            first = _next(capture)
+            first = _retrieve(capture) if _grab(capture) else None
             if first is None:
                 raise BadInput(_why_unreadable(path))
             rate_hz, count = capture.get(cv2.CAP_PROP_FPS), capture.get(cv2.CAP_PROP_FRAME_COUNT)
@@ -59,12 +76,25 @@ class Video:
         return cls(path, rate_hz if known else None, size_of(first), max(int(count), 1))
 
     def pictures(self) -> Iterator[Picture]:
-        """All pictures from the first; BadInput when none can be read or one has another size."""
+        """All pictures from the first; raises as `played` does."""
+        return (each.picture for each in self.played())
+
+    def played(self, skips: Skips = none_skipped) -> Iterator[PictureOfMany]:
+        """The pictures from the first; BadInput when none can be read or one has another size.
+
+        Skipped ones are decoded, since others depend on them, but not converted to colours.
+        """
         read = 0
         with _capture(self.path) as capture:
-            while (picture := _next(capture)) is not None:
-                require_size(self.path, picture, self.size_px)
-                yield picture
+            more = _grab(capture)
+            while more:
+                picture = None if skips(read) else _retrieve(capture)
+                more = _grab(capture)
+                if picture is None and not more:
+                    picture = _again(capture, read)
+                if picture is not None:
+                    require_size(self.path, picture, self.size_px)
+                    yield PictureOfMany(read, picture, last=not more)
                 read += 1
         if not read:
             raise BadInput(_why_unreadable(self.path))
@@ -97,11 +127,17 @@ class PictureFolder:
         return len(self.files)
 
     def pictures(self) -> Iterator[Picture]:
-        """All pictures, each read when it is played; BadInput for one that cannot be read or has another size."""
-        for file in self.files:
-            picture = read_picture(file)
-            require_size(file, picture, self.size_px, self.files[0].name)
-            yield picture
+        """All pictures; raises as `played` does."""
+        return (each.picture for each in self.played())
+
+    def played(self, skips: Skips = none_skipped) -> Iterator[PictureOfMany]:
+        """The pictures, each read when it is played; BadInput for one that cannot be read or has another size."""
+        for number, file in enumerate(self.files):
+            last = number + 1 == self.count
+            if last or not skips(number):
+                picture = read_picture(file)
+                require_size(file, picture, self.size_px, self.files[0].name)
+                yield PictureOfMany(number, picture, last)
 
 
 def read_picture(file: Path) -> Picture:
@@ -144,12 +180,27 @@ def _capture(path: Path) -> Iterator[cv2.VideoCapture]:
         capture.release()
 
 
-def _next(capture: cv2.VideoCapture) -> Picture | None:
+def _grab(capture: cv2.VideoCapture) -> bool:
+    """Decode the next picture; False at the end, and of a picture that cannot be decoded."""
     try:
-        good, picture = capture.read()
+        return capture.grab()
+    except cv2.error:
+        return False
+
+
+def _retrieve(capture: cv2.VideoCapture) -> Picture | None:
+    """The decoded picture."""
+    try:
+        good, picture = capture.retrieve()
     except cv2.error:
         return None
     return cast("Picture", picture) if good else None
+
+
+def _again(capture: cv2.VideoCapture, number: int) -> Picture | None:
+    """The picture of this number, which was decoded before it was known to be the last; None if it cannot be found."""
+    capture.set(cv2.CAP_PROP_POS_FRAMES, number)
+    return _retrieve(capture) if _grab(capture) else None
 
 
 def _read_bytes(file: Path, count: int = -1) -> bytes:
@@ -186,16 +237,14 @@ def _natural(file: Path) -> tuple[list[tuple[int, str]], str]:
 
 @dataclass(frozen=True, slots=True)
 class RecordedPictures:
-    """A FrameSource that plays pictures as `RecordedMotion` plays motion, and ends after the last.
+    """A FrameSource that plays pictures as `FramePlayer` does, and ends after the last.
 
-    Picture i is captured at start + i / rate / speed; without `start_ns` the start is now. Speed 0 does not wait, and
-    stamps each picture with the time of playing. Like a camera it does not wait for the observer: when that is slower,
-    pictures are skipped. The last picture never is, since a movement ends with it. pictures: starts from the first
-    picture at each call. count: the number of pictures that the file states. repeats: in slow motion, pictures are
-    repeated, as in `repeated_until`.
+    Picture i is captured at start + i / rate / speed; without `start_ns` the start is now. The last picture is never
+    skipped, since a movement ends with it. played: starts from the first picture at each call. count: the number of
+    pictures that the file states.
     """
 
-    pictures: Callable[[], Iterator[Picture]] = field(repr=False)
+    played: Callable[[Skips], Iterator[PictureOfMany]] = field(repr=False)
     rate_hz: float
     size_px: Size
     count: int
@@ -208,40 +257,28 @@ class RecordedPictures:
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each picture when it is due. Raises BadInput when the files have changed since they were opened."""
-        start_ns, skipped = begin_ns(self.start_ns, stop, self.clock), 0
-        frame: Frame | None = None
-        round_ns = self._offset_ns(self.count)
+        start_ns, before = begin_ns(self.start_ns, stop, self.clock), 0
+        player = FramePlayer(self.speed, stop, self.clock, self.repeats)
+        round_ns = self._played_ns(self.count)
         if self.loop and round_ns:
             # An observer that joins hours later need not read the film so many times.
             start_ns += max(self.clock() - start_ns, 0) // round_ns * round_ns
-        for i, (picture, last) in enumerate(self._all()):
-            due_ns = start_ns + self._offset_ns(i)
-            if not last and is_overtaken(due_ns, start_ns + self._offset_ns(i + 1), self.speed, self.clock()):
-                skipped += 1
-                continue
-            if self.repeats:
-                yield from repeated_until(frame, due_ns, self.speed, stop, self.clock)
-            captured_ns = wait_until(due_ns, self.speed, stop, self.clock)
-            if captured_ns is None:
-                return
-            frame = Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz), last)
-            yield frame
-            if last and skipped:
-                log.info("the observer was slower than its film: %s skipped", plural(skipped, "picture"))
-                skipped = 0
 
-    def _offset_ns(self, i: int) -> int:
-        return round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0
+        def due_ns(number: int) -> int:
+            return start_ns + self._played_ns(before + number)
 
-    def _all(self) -> Iterator[tuple[Picture, bool]]:
-        """Each picture, and whether it is the last one of the film."""
         while True:
-            picture = None
-            for following in self.pictures():
-                if picture is not None:
-                    yield picture, False
-                picture = following
-            if picture is not None:
-                yield picture, True
+            count = 0
+            for each in self.played(lambda number: player.skips(due_ns(number), due_ns(number + 1))):
+                captured_ns = yield from player.wait(due_ns(each.number))
+                if captured_ns is None:
+                    return
+                motion_ns = round((before + each.number) * SECOND_NS / self.rate_hz)
+                yield player.delivers(Frame(captured_ns, each.picture, motion_ns, each.last))
+                count = each.number + 1
             if not self.loop:
                 return
+            before += count or self.count
+
+    def _played_ns(self, number: int) -> int:
+        return round(number * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0

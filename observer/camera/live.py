@@ -196,6 +196,7 @@ class LatestFrame:
         self._frame: Frame | None = None
         self._history = CameraHistory(now_ns, now_ns)
         self._digest: int | None = None
+        self._skipped = 0
 
     def put(self, captured_ns: int, picture: Picture, now_ns: int) -> None:
         """Store a picture that arrived at `now_ns`."""
@@ -203,7 +204,8 @@ class LatestFrame:
         with self._changed:
             same = checksum == self._digest
             self._digest = checksum
-            self._frame = Frame(captured_ns, picture)
+            self._skipped = 0 if self._frame is None else self._skipped + 1
+            self._frame = Frame(captured_ns, picture, skipped=self._skipped)
             self._history = CameraHistory(now_ns, self._history.changed_ns if same else now_ns)
             self._notify()
 

@@ -67,4 +67,4 @@ def _open_recorded(text: str, folder: Path, rate_hz: float | None, size_px: Size
         actual = "{}x{}".format(*recorded.size_px)
         raise BadInput(f"{path}: {actual} px, but {width}x{height} is expected, as calibrated")
     rate_hz = rate_hz or recorded.rate_hz or NOMINAL_HZ
-    return RecordedPictures(recorded.pictures, rate_hz, recorded.size_px, recorded.count)
+    return RecordedPictures(recorded.played, rate_hz, recorded.size_px, recorded.count)

@@ -4,16 +4,20 @@ import logging
 import queue
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from typing import BinaryIO
 
+from common import SECOND_NS
 from common.errors import BadInput
 from common.inbox import Inbox
 from common.link import Link
 from common.text import plural
 from observer.camera.base import NOMINAL_HZ, Clock, Report, ignore_report
 from observer.foreign.track_line import MAX_BYTES, frame_of_line
+from observer.motion.playback import FrameSkipper
 from observer.tracks import BODY_PARTS, Frame
 
 log = logging.getLogger("labanmesh.observer")
@@ -23,13 +27,23 @@ TAKE_S = 0.1
 WARN_AGAIN_S = 60.0
 """The first rejected line is logged at once, later ones once a minute with their count."""
 
-Take = Callable[[float], list[tuple[bytes, int]] | None]
-"""Returns lines with their times of arrival, waiting for at most that many seconds; None at the end of the input."""
+QUEUE_LINES = 256
+"""Lines that wait for the observer; a writer that is faster has to wait."""
+RECORDED_S = 60.0
+"""Lines captured longer ago are a recording, of which none is skipped: no live tracker is so late."""
+
+Line = tuple[bytes, int]
+"""A line, and when it arrived (Unix epoch, ns)."""
+Take = Callable[[float], list[Line] | None]
+"""Returns lines, waiting for at most that many seconds; None at the end of the input."""
 
 
 @dataclass(slots=True)
 class LineTracks:
-    """Turns lines into frames, for both sources below. A bad line is counted in `rejected`, logged and dropped."""
+    """Turns lines into frames, for both sources below. A bad line is counted in `rejected`, logged and dropped.
+
+    Of the lines that wait for an observer that is too slow, the newest is delivered (`FrameSkipper`).
+    """
 
     name: str
     report: Report = ignore_report
@@ -37,23 +51,29 @@ class LineTracks:
     rate_hz: float = NOMINAL_HZ
     body_parts: tuple[str, ...] = BODY_PARTS
     rejected: int = 0
+    _skipper: FrameSkipper = field(default_factory=FrameSkipper)
     _warned_ns: int | None = None
     _fault: str = ""
 
     def frames_of(self, take: Take, stop: threading.Event) -> Iterator[Frame]:
-        """The frame of each valid line, until the input ends or `stop` is set."""
-        newest_ns = self.clock()
+        """The frames of valid lines, until the input ends or `stop` is set."""
+        newest_ns, waiting = self.clock(), deque[tuple[Frame, int]]()
         while not stop.is_set():
-            lines = take(TAKE_S)
-            if lines is None:
+            asked_ns = self.clock()
+            lines = [] if len(waiting) >= QUEUE_LINES else take(0.0 if waiting else TAKE_S)
+            if lines is None and not waiting:
                 return
-            for line, arrived_ns in lines:
+            for line, arrived_ns in lines or ():
                 newest_ns = arrived_ns
-                frame = self._parse(line, arrived_ns)
-                if frame is not None:
-                    self._set_fault("")
-                    yield frame
-            if self.clock() - newest_ns > SILENCE_S * 1e9:
+                if (frame := self._parse(line, arrived_ns)) is not None:
+                    waiting.append((frame, arrived_ns))
+            if waiting:
+                self._set_fault("")
+                frame, arrived_ns = waiting.popleft()
+                recorded = asked_ns - frame.captured_ns > RECORDED_S * SECOND_NS
+                if recorded or not self._skipper.skips(arrived_ns, asked_ns, bool(waiting)):
+                    yield replace(frame, skipped=self._skipper.count())
+            elif self.clock() - newest_ns > SILENCE_S * SECOND_NS:
                 self._set_fault(f"{self.name}: no tracks for {SILENCE_S:g} s; is the other tracker running?")
 
     def _parse(self, line: bytes, arrived_ns: int) -> Frame | None:
@@ -63,7 +83,7 @@ class LineTracks:
             return frame_of_line(line, self.body_parts, arrived_ns)
         except BadInput as error:
             self.rejected += 1
-            if self._warned_ns is None or arrived_ns - self._warned_ns > WARN_AGAIN_S * 1e9:
+            if self._warned_ns is None or arrived_ns - self._warned_ns > WARN_AGAIN_S * SECOND_NS:
                 self._warned_ns = arrived_ns
                 log.warning("%s: rejected %s so far, the last: %s", self.name, plural(self.rejected, "line"), error)
             return None
@@ -96,12 +116,13 @@ class _LineSource:
 class PipedTracks(_LineSource):
     """Tracks as JSON lines on a stream, e.g. the standard input; ends when the stream does.
 
-    A thread reads the stream, because a blocking read cannot be stopped; a faster writer has to wait.
+    A thread reads the stream, because a blocking read cannot be stopped.
     """
 
     stream: BinaryIO
     lines: LineTracks
-    _queue: "queue.Queue[tuple[bytes, int] | None]" = field(default_factory=lambda: queue.Queue(256))
+    _queue: "queue.Queue[Line | None]" = field(default_factory=lambda: queue.Queue(QUEUE_LINES))
+    _ended: bool = False
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """One frame per line."""
@@ -113,12 +134,16 @@ class PipedTracks(_LineSource):
             self._queue.put((line, self.lines.clock()))
         self._queue.put(None)
 
-    def _take(self, timeout_s: float) -> list[tuple[bytes, int]] | None:
-        try:
-            line = self._queue.get(timeout=timeout_s)
-        except queue.Empty:
-            return []
-        return None if line is None else [line]
+    def _take(self, timeout_s: float) -> list[Line] | None:
+        lines: list[Line] = []
+        with suppress(queue.Empty):
+            while not self._ended and len(lines) < QUEUE_LINES:
+                line = self._queue.get(timeout=0.0 if lines else timeout_s)
+                if line is None:
+                    self._ended = True
+                else:
+                    lines.append(line)
+        return None if self._ended and not lines else lines
 
 
 @dataclass(slots=True)

@@ -3,8 +3,11 @@
 import itertools
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Generator, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from numpy.typing import NDArray
 
 from common import SECOND_NS
 from observer.motion.archive import Recording
@@ -17,18 +20,113 @@ soon when the event is set; or None for now."""
 REPEAT_S = 0.09
 """In slow motion a frame is repeated so often: its posterior stays as new as that of a camera of 10 Hz."""
 LATE_S = 0.1
-"""A picture that is so late is skipped if the next one is due too."""
+"""After a short stall an observer catches up without a loss; frames later than this are skipped if newer ones are
+due."""
+NEVER_NS = 10**9 * SECOND_NS
+"""Nothing follows the last recording."""
 LONGEST_WAIT_S = 3600.0
 """At once; the operating system does not take just any number."""
 
 
+class FrameSkipper:
+    """Decides which frames a source leaves out for an observer that is too slow, so that it stays current.
+
+    1. Late frames are delivered while the delay is at most LATE_S: the observer catches up by itself.
+    2. After a longer delay each frame that a newer one has overtaken is skipped: the observer gets the newest.
+    3. That ends when the observer has to wait for a frame.
+    """
+
+    def __init__(self) -> None:
+        self._behind = False
+        self._skipped = 0
+
+    def skips(self, due_ns: int, asked_ns: int, overtaken: bool) -> bool:
+        """Whether to leave out the frame that was due at `due_ns`. asked_ns: when the observer asked for a frame.
+
+        overtaken: a newer frame can be delivered instead.
+        """
+        if due_ns > asked_ns:
+            self._behind = False
+        elif asked_ns - due_ns > LATE_S * SECOND_NS:
+            self._behind = True
+        skipped = self._behind and overtaken
+        self._skipped += skipped
+        return skipped
+
+    def count(self) -> int:
+        """How many frames were skipped since the last call."""
+        skipped, self._skipped = self._skipped, 0
+        return skipped
+
+
+@dataclass(slots=True)
+class FramePlayer:
+    """Delivers the frames of a recording: each when it is due, and for an observer that is too slow the newest.
+
+    speed 0: no waiting and no skipping; the capture time is the time of playback. repeats: in slow motion, frames are
+    repeated, so that their posterior stays new.
+    """
+
+    speed: float
+    stop: threading.Event
+    clock: Clock
+    repeats: bool = False
+    _skipper: FrameSkipper = field(default_factory=FrameSkipper)
+    _last: Frame | None = None
+
+    def skips(self, due_ns: int, next_ns: int) -> bool:
+        """Whether to leave out the frame that was due at `due_ns`, as the next one, due at `next_ns`, is due too."""
+        if not self.speed:
+            return False
+        now_ns = self.clock()
+        return self._skipper.skips(due_ns, now_ns, now_ns >= next_ns)
+
+    def wait(self, due_ns: int) -> Generator[Frame, None, int | None]:
+        """Wait for a frame, with repetitions of the one before; returns its capture time, None if stopped before."""
+        yield from self._repeated_until(due_ns)
+        return self._wait_until(due_ns)
+
+    def delivers(self, frame: Frame) -> Frame:
+        """The frame, with the number of those that were skipped before it."""
+        self._last = replace(frame, skipped=self._skipper.count())
+        return self._last
+
+    def _repeated_until(self, due_ns: int) -> Iterator[Frame]:
+        """The last frame again and again until the next one is due, unless its recording has ended with it."""
+        frame = self._last
+        if frame is None or frame.last or not (self.repeats and 0 < self.speed < 1):
+            return
+        step_ns = round(REPEAT_S * SECOND_NS)
+        at_ns = frame.captured_ns + step_ns
+        while at_ns + step_ns // 2 < due_ns and self._wait_until(at_ns) is not None:
+            yield replace(frame, captured_ns=at_ns, repeated=True, skipped=0)
+            at_ns = max(at_ns + step_ns, self.clock())
+
+    def _wait_until(self, due_ns: int) -> int | None:
+        """Wait, then return the capture time: `due_ns`, or now if speed is 0; None if stopped before."""
+        while not self.stop.is_set():
+            now_ns = self.clock()
+            if now_ns >= due_ns:
+                return due_ns if self.speed else now_ns
+            self.stop.wait(min((due_ns - now_ns) / SECOND_NS, LONGEST_WAIT_S))
+        return None
+
+
+Show = Callable[[Recording, int, int], NDArray[Any]]
+"""Returns the content of frame i of a recording. The last argument numbers the frames of all that is played."""
+
+
+def _positions(recording: Recording, i: int, _number: int) -> NDArray[Any]:
+    positions: NDArray[Any] = recording.positions[i].astype(float)
+    return positions
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
-    """A FrameSource that plays recordings one after the other, completely and never ahead of time.
+    """A FrameSource that plays recordings one after the other, as `FramePlayer` does, never ahead of time.
 
-    Frame i is captured at start + i / rate / speed; start is `start_ns`, or now. speed 0: no waiting, and the capture
-    time is the time of playback. If the observer is slower than the motion, frames come late and none is dropped.
-    repeats: in slow motion, frames are repeated, as in `repeated_until`.
+    Frame i is captured at start + i / rate / speed; start is `start_ns`, or now. The last frame of a recording, with
+    which a movement ends, is skipped only when the recording after it is over too.
     """
 
     archive_parts: tuple[str, ...]
@@ -56,25 +154,43 @@ class RecordedMotion:
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each frame when it is due; ends soon after `stop` is set."""
-        due_ns = begin_ns(self.start_ns, stop, self.clock)
-        motion_ns = 0
-        frame: Frame | None = None
-        for recording in itertools.cycle(self.recordings) if self.loop else self.recordings:
-            for i, positions in enumerate(recording.positions):
-                this_ns = due_ns + self._offset_ns(i, recording)
-                if self.repeats:
-                    yield from repeated_until(frame, this_ns, self.speed, stop, self.clock)
-                captured_ns = wait_until(this_ns, self.speed, stop, self.clock)
-                if captured_ns is None:
-                    return
-                at_ns = motion_ns + round(i * SECOND_NS / recording.rate_hz)
-                frame = Frame(captured_ns, positions.astype(float), at_ns, last=i + 1 == len(recording.positions))
-                yield frame
-            due_ns += self._offset_ns(len(recording.positions), recording)
-            motion_ns += round(len(recording.positions) * SECOND_NS / recording.rate_hz)
+        return self.shown(stop, _positions)
 
-    def _offset_ns(self, frame: int, recording: Recording) -> int:
-        return round(frame * SECOND_NS / recording.rate_hz / self.speed) if self.speed else 0
+    def shown(self, stop: threading.Event, show: Show) -> Iterator[Frame]:
+        """The same frames with other contents, which `show` makes of those that are delivered."""
+        begun_ns = begin_ns(self.start_ns, stop, self.clock)
+        player = FramePlayer(self.speed, stop, self.clock, self.repeats)
+        motion_ns = number = 0
+        for recording, following in self._in_order():
+            count = len(recording.positions)
+            for i in range(count):
+                last = i + 1 == count
+                at_ns = motion_ns + _at_ns(recording, i)
+                newer_ns = motion_ns + _at_ns(recording, i + 1)
+                if last:
+                    newer_ns += _at_ns(following, len(following.positions)) if following else NEVER_NS
+                due_ns = begun_ns + self._played_ns(at_ns)
+                if not player.skips(due_ns, begun_ns + self._played_ns(newer_ns)):
+                    captured_ns = yield from player.wait(due_ns)
+                    if captured_ns is None:
+                        return
+                    yield player.delivers(Frame(captured_ns, show(recording, i, number), at_ns, last))
+                number += 1
+            motion_ns += _at_ns(recording, count)
+
+    def _in_order(self) -> Iterator[tuple[Recording, Recording | None]]:
+        """Each recording with the one that follows it."""
+        if self.loop:
+            return itertools.pairwise(itertools.cycle(self.recordings))
+        return zip(self.recordings, [*self.recordings[1:], None], strict=True)
+
+    def _played_ns(self, motion_ns: int) -> int:
+        return round(motion_ns / self.speed) if self.speed else 0
+
+
+def _at_ns(recording: Recording, i: int) -> int:
+    """When frame i begins, from the recording's begin."""
+    return round(i * SECOND_NS / recording.rate_hz)
 
 
 def begin_ns(start: Start, stop: threading.Event, clock: Clock) -> int:
@@ -82,31 +198,3 @@ def begin_ns(start: Start, stop: threading.Event, clock: Clock) -> int:
     if start is None:
         return clock()
     return start(stop) if callable(start) else start
-
-
-def is_overtaken(due_ns: int, next_ns: int, speed: float, now_ns: int) -> bool:
-    """Whether a picture comes so late that the next one, due at `next_ns`, is due as well. None is without waiting."""
-    return speed > 0 and now_ns >= next_ns and now_ns - due_ns > LATE_S * SECOND_NS
-
-
-def repeated_until(
-    frame: Frame | None, due_ns: int, speed: float, stop: threading.Event, clock: Clock
-) -> Iterator[Frame]:
-    """In slow motion, `frame` again and again until the next one is due, unless its recording has ended with it."""
-    if frame is None or frame.last or not 0 < speed < 1:
-        return
-    step_ns = round(REPEAT_S * SECOND_NS)
-    at_ns = frame.captured_ns + step_ns
-    while at_ns + step_ns // 2 < due_ns and wait_until(at_ns, speed, stop, clock) is not None:
-        yield replace(frame, captured_ns=at_ns, repeated=True)
-        at_ns = max(at_ns + step_ns, clock())
-
-
-def wait_until(due_ns: int, speed: float, stop: threading.Event, clock: Clock) -> int | None:
-    """Wait, then return the capture time: `due_ns`, or now if speed is 0; None if stopped before."""
-    while not stop.is_set():
-        now_ns = clock()
-        if now_ns >= due_ns:
-            return due_ns if speed else now_ns
-        stop.wait(min((due_ns - now_ns) / SECOND_NS, LONGEST_WAIT_S))
-    return None

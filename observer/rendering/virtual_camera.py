@@ -1,6 +1,5 @@
 """Pictures of a performer from a virtual camera, with ground truth; and a frame source that renders recorded motion."""
 
-import itertools
 import threading
 import zlib
 from collections.abc import Iterator, Sequence
@@ -193,21 +192,8 @@ class VirtualCamera:
         return BODY_PARTS
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """Each picture when it is due, or as soon as it is rendered; ends soon after `stop` is set."""
-        order = _rows_of(self.motion.archive_parts)
-        played = self.motion.frames(stop)
-        number = itertools.count()
-        recordings = self.motion.recordings
-        for recording in itertools.cycle(recordings) if self.motion.loop else recordings:
-            renderer = self.renderer(recording)
-            before = None
-            for frame in itertools.islice(played, len(recording.positions)):
-                positions = frame.content[order]
-                picture = renderer.picture(positions, next(number), before)
-                yield Frame(frame.captured_ns, picture, frame.motion_ns, frame.last)
-                before = positions
-            if before is None:  # stopped
-                return
+        """Each picture, rendered when it is due; ends soon after `stop` is set."""
+        return self.motion.shown(stop, _Filming(self).picture)
 
     def renderer(self, recording: Recording) -> Renderer:
         """The renderer of a recording; it gives the ground truth for the same positions and frame numbers."""
@@ -225,3 +211,18 @@ def _rows_of(names: Sequence[str]) -> list[int]:
             f"body_parts = {list(names)}: {missing[0]} is missing, and the performer cannot be drawn without it"
         )
     return [list(names).index(part) for part in BODY_PARTS]
+
+
+class _Filming:
+    """Renders the frames of one playback."""
+
+    def __init__(self, camera: VirtualCamera) -> None:
+        self._camera, self._order = camera, _rows_of(camera.motion.archive_parts)
+        self._recording: Recording | None = None
+
+    def picture(self, recording: Recording, i: int, number: int) -> Picture:
+        if recording is not self._recording:
+            self._recording, self._renderer = recording, self._camera.renderer(recording)
+        # Blur needs where the parts were one frame earlier, also if that frame was skipped.
+        before = recording.positions[i - 1][self._order].astype(float) if i else None
+        return self._renderer.picture(recording.positions[i][self._order].astype(float), number, before)
