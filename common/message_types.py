@@ -17,6 +17,8 @@ CONTRADICTED = 0.6
 SAME_ID_REASON: Final = "another process has this id"
 """The reason in the status of a fusion service that has noticed a second process of its id."""
 LABELS_LIMIT = 10_000
+LABEL_LIMIT: Final = 64
+"""Characters of a label, as `common.vocabulary.LABEL` has it."""
 LAST_INTEGER: Final = 2**63 - 1
 ROOT_LIMIT: Final = 255
 """The root of a probability of 1 in a message."""
@@ -45,6 +47,8 @@ _NearProbability = Annotated[
 ]
 ShortText = Annotated[str, AfterValidator(lambda text: text[:TEXT_LIMIT])]
 Id = Annotated[str, Field(max_length=ID_LIMIT)]
+Label = Annotated[str, Field(max_length=LABEL_LIMIT)]
+"""The label of a movement, or "" where there is none."""
 Identifier = Annotated[str, Field(pattern=r"^[a-z0-9_-]{1,64}$")]
 Count = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
 Time = Annotated[int, Field(ge=0, le=LAST_INTEGER)]

@@ -19,6 +19,7 @@ from common.message_types import (
     Count,
     Id,
     Identifier,
+    Label,
     Probabilities,
     Probability,
     Roots,
@@ -114,7 +115,7 @@ class Vote(MessagePart):
     has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
     """
 
-    label: str | None
+    label: Label | None
     entropy: Bits | None
     weight: Probability
     age_s: FiniteFloat | None
@@ -128,7 +129,7 @@ class Vote(MessagePart):
     reliability: Probability | None = None
     rest_reliability: Probability | None = None
     label_reliability: Probability | None = None
-    doubles: dict[str, Probability] | None = None
+    doubles: dict[Id, Probability] | None = None
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
     freshness: Probability | None = None
 
@@ -157,9 +158,9 @@ class OngoingMovement(MessagePart):
 
     id: Id
     began_ns: Time
-    label: str | None = None
+    label: Label | None = None
     decided_ns: Time | None = None
-    revises: str | None = None
+    revises: Label | None = None
     outage_ns: Time | None = None
 
 
@@ -173,8 +174,7 @@ class JudgementMessage(Message):
     left of where recordings face the Door. `movement` is omitted while the person rests; a standby fusion service
     continues from it. `why` explains in a line for people why the movement in progress has no verdict yet; it is
     omitted once the movement is decided, and at rest. `epoch` is one higher than that of the fusion service before: of
-    two services that publish, the one with the lower epoch stops. `session` is random per process; two processes with
-    one id differ in it.
+    two services that publish, the one with the lower epoch stops. `session` is random per process.
 
     While no vote is counted or stale, `label` is empty, `agreement` is 0 of 0, and `p` is the prior.
     """
@@ -185,10 +185,10 @@ class JudgementMessage(Message):
     at_ns: Time
     vocabulary: VocabularyReference
     p: Probabilities
-    label: str
+    label: Label
     certainty_bits: Bits
-    rule: str
-    votes: dict[str, Vote]
+    rule: ShortText
+    votes: dict[Id, Vote]
     agreement: Agreement
     unlearned: Probability | None = None
     facets: dict[str, Probabilities] | None = None
@@ -229,9 +229,9 @@ class VerdictMessage(JudgementMessage):
     decided_ns: Time
     ended_ns: Time | None = None
     stage: VerdictStage = "decided"
-    revises: str | None = None
-    same_as: str | None = None
-    contributions: dict[str, Contribution] | None = None
+    revises: Label | None = None
+    same_as: Id | None = None
+    contributions: dict[Id, Contribution] | None = None
 
     @model_validator(mode="before")
     @classmethod
@@ -254,7 +254,7 @@ class ObserverStatistics(MessagePart):
     """A fusion service's statistics of one observer: its clock skew, and rejected messages counted by reason."""
 
     skew_s: FiniteFloat | None = None
-    rejected: dict[str, Count] = Field(default_factory=dict)
+    rejected: dict[Id, Count] = Field(default_factory=dict)
 
 
 class StatusMessage(Message):
@@ -273,7 +273,7 @@ class StatusMessage(Message):
     version: ShortText = ""
     at_ns: Time | None = None
     session: Id | None = None
-    observers: dict[str, ObserverStatistics] | None = None
+    observers: dict[Id, ObserverStatistics] | None = None
 
 
 class VocabularyMessage(Message):
@@ -282,7 +282,7 @@ class VocabularyMessage(Message):
     scene: Identifier
     name: ShortText
     hash: Id
-    labels: list[str] = Field(min_length=2, max_length=LABELS_LIMIT)
+    labels: list[Label] = Field(min_length=2, max_length=LABELS_LIMIT)
 
     @model_validator(mode="after")
     def _hash_fits(self) -> "VocabularyMessage":

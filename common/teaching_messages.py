@@ -10,14 +10,18 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
-from common.message_types import LABELS_LIMIT, Count, Identifier, Probability, Time
+from common.errors import BadInput
+from common.message_types import LABELS_LIMIT, Count, Id, Identifier, Label, Probability, Time
 from common.messages import Message, MessagePart
 
 TEXT_LIMIT = 300
 SHOWN_UNITS, UNSEEN = 1000, -1
 SHOWN_LIMIT = 8192
 DOUBTS_LIMIT = 60
-PERSONS_LIMIT = 100
+PERSONS_LIMIT, PERSON_LIMIT = 100, 64
+"""Persons in a reply, and characters of a name."""
+TAKES_LIMIT = 1000
+"""Takes of one movement in a reply: a lesson has 100 of each at most."""
 SOMEONE = "someone"
 """Whose takes they are if nobody is named."""
 TeachCommand = Literal[
@@ -26,6 +30,10 @@ TeachCommand = Literal[
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
 Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
+Person = Annotated[str, Field(max_length=PERSON_LIMIT)]
+Seconds = Annotated[FiniteFloat, Field(ge=0)]
+Labels = Annotated[list[Label], Field(max_length=LABELS_LIMIT)]
+CountOf = Annotated[dict[Label, Count], Field(max_length=LABELS_LIMIT)]
 
 
 class TeachRequest(Message):
@@ -47,13 +55,13 @@ class TeachRequest(Message):
 
     command: TeachCommand
     teacher: Identifier
-    labels: list[str] = Field(default_factory=list, max_length=LABELS_LIMIT)
+    labels: Labels = Field(default_factory=list)
     add: bool = False
-    label: str = ""
+    label: Label = ""
     take: Count = 0
-    person: str = ""
+    person: Person = ""
     in_s: Annotated[FiniteFloat, Field(ge=0, le=60)] = 0.0
-    correction: Annotated[str, Field(max_length=TEXT_LIMIT)] = ""
+    correction: Text = ""
     from_ns: Time = 0
     to_ns: Time = 0
     everything: bool = False
@@ -80,10 +88,10 @@ class TakeReport(MessagePart):
     people: the most people who were in the picture for a while during the take; 0 if the tracker does not tell.
     """
 
-    label: str
+    label: Label
     take: Count
     state: TakeState
-    seconds: FiniteFloat = 0.0
+    seconds: Seconds = 0.0
     fault: Text = ""
     people: Count = 0
 
@@ -91,9 +99,9 @@ class TakeReport(MessagePart):
 class TakeDoubt(MessagePart):
     """A take that looks more like those of another movement."""
 
-    label: str
+    label: Label
     take: Count
-    like: str
+    like: Label
 
 
 class LearnedReport(MessagePart):
@@ -102,18 +110,18 @@ class LearnedReport(MessagePart):
     results: for each movement, as what its takes were recognised by models that had not learned from them.
     """
 
-    labels: list[str]
-    results: dict[str, dict[str, Count]] = Field(default_factory=dict)
+    labels: Labels
+    results: dict[Label, CountOf] = Field(default_factory=dict, max_length=LABELS_LIMIT)
 
 
 class CorrectedReport(MessagePart):
     """An example made of a verdict. from_ns, to_ns: what was cut out, by the clock of the observer's machine."""
 
-    id: str
-    label: str
+    id: Text
+    label: Label
     from_ns: Time
     to_ns: Time
-    seconds: FiniteFloat
+    seconds: Seconds
 
 
 class ForgottenReport(MessagePart):
@@ -123,7 +131,7 @@ class ForgottenReport(MessagePart):
     """
 
     takes: Count = 0
-    other_s: FiniteFloat = 0.0
+    other_s: Seconds = 0.0
     models: Count = 0
     clips: Count = 0
     in_model: bool = False
@@ -136,9 +144,9 @@ class ShownTracks(MessagePart):
     the unit of the tracks; -1 where a part is not seen. seconds: length of what they show.
     """
 
-    body_parts: list[str] = Field(max_length=64)
+    body_parts: list[Id] = Field(max_length=64)
     points: list[Annotated[int, Field(ge=UNSEEN, le=SHOWN_UNITS)]] = Field(max_length=SHOWN_LIMIT)
-    seconds: FiniteFloat = 0.0
+    seconds: Seconds = 0.0
     left: FiniteFloat = 0.0
     top: FiniteFloat = 0.0
     size: FiniteFloat = 1.0
@@ -164,9 +172,11 @@ class TeachReply(Message):
     still: Probability | None = None
     complaint: Text = ""
     take: TakeReport | None = None
-    takes: dict[str, list[Count]] = Field(default_factory=dict)
-    other_s: FiniteFloat = 0.0
-    labels: list[str] = Field(default_factory=list)
+    takes: dict[Label, Annotated[list[Count], Field(max_length=TAKES_LIMIT)]] = Field(
+        default_factory=dict, max_length=LABELS_LIMIT
+    )
+    other_s: Seconds = 0.0
+    labels: Labels = Field(default_factory=list)
     learned: LearnedReport | None = None
     tracks: ShownTracks | None = None
     corrected: CorrectedReport | None = None
@@ -174,7 +184,13 @@ class TeachReply(Message):
     people: Count | None = None
     claps: Count = 0
     doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)
-    persons: dict[str, dict[str, Count]] = Field(default_factory=dict, max_length=PERSONS_LIMIT)
+    persons: dict[Person, CountOf] = Field(default_factory=dict, max_length=PERSONS_LIMIT)
+
+
+def require_person(name: str) -> None:
+    """Raise BadInput, one line, for what cannot be the name of a performer."""
+    if not name.isprintable() or len(name) > PERSON_LIMIT:
+        raise BadInput(f"who performs: at most {PERSON_LIMIT} printable characters are expected")
 
 
 def only_person(persons: Collection[str]) -> str:

@@ -2,6 +2,7 @@
 
 import hashlib
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,6 +11,9 @@ from common.errors import BadInput
 ABSTAIN = "abstain"
 """The label of a verdict if a movement happened and the observers could not agree on it."""
 LABEL = re.compile(r"[a-z0-9_]{1,64}\Z")
+LABEL_RULE = "use 1 to 64 lower case letters, digits and underscores"
+RESERVED = (ABSTAIN, "nothing", "rest", "something_else", "undecided", "unlearned")
+"""Words that stand for something else than a movement, for people or in messages: none is taught by such a name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,7 +34,7 @@ class Vocabulary:
             raise BadInput(f"vocabulary = {list(self.labels)}: name at least two movements")
         for label in self.labels:
             if not LABEL.match(label):
-                raise BadInput(f"label {label!r}: use 1 to 64 lower case letters, digits and underscores")
+                raise BadInput(f"label {label!r}: {LABEL_RULE}")
         if ABSTAIN in self.labels:
             raise BadInput(f"label {ABSTAIN!r}: reserved for verdicts without agreement; choose another label")
         if len(set(self.labels)) != len(self.labels):
@@ -53,6 +57,15 @@ class Vocabulary:
             return self.labels.index(label)
         except ValueError:
             raise BadInput(f"label {label!r}: not in the vocabulary; known: {', '.join(self.labels)}") from None
+
+
+def require_teachable(labels: Iterable[str]) -> None:
+    """Raise BadInput, one line, for the first label by which no movement can be taught."""
+    for label in labels:
+        if not LABEL.match(label):
+            raise BadInput(f"label {label[:64]!r}: {LABEL_RULE}")
+        if label in RESERVED:
+            raise BadInput(f"{label}: this word stands for something else than any movement; choose another name")
 
 
 @lru_cache(maxsize=64)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 from common.errors import BadInput
 from common.messages import VerdictMessage
-from common.teaching_messages import ShownTracks, TeachReply, Unwanted
+from common.teaching_messages import ShownTracks, TeachReply, Unwanted, require_person
 from common.text import nearest
-from common.vocabulary import ABSTAIN, LABEL
+from common.vocabulary import LABEL, RESERVED
 from hub.scene_state import is_abstention
 from hub.teaching.interface import Action, ActionKind, Begin, Step
 from hub.teaching.lesson import LessonPlan
@@ -120,8 +120,7 @@ def unwanted_of(fields: Mapping[str, Any]) -> Unwanted:
 
 def _person(fields: Mapping[str, Any], default: str) -> str:
     person = str(fields.get("person") or default).strip()
-    if not person.isprintable() or len(person) > NAME_MOST:
-        raise BadInput(f"who performs: at most {NAME_MOST} printable characters are expected")
+    require_person(person)
     return person
 
 
@@ -135,8 +134,8 @@ def _check_labels(labels: list[str], known: list[str]) -> None:
             raise BadInput("a movement has no name; give it one, such as wave")
         if not LABEL.match(label):
             raise BadInput(f"{label[:NAME_MOST]!r}: use lower case letters, digits and _ in the name of a movement")
-        if label == ABSTAIN:
-            raise BadInput(f"{label!r} means that the cameras do not agree; choose another name")
+        if label in RESERVED:
+            raise BadInput(f"{label!r} means something else than a movement; choose another name")
     if len(set(labels)) != len(labels):
         raise BadInput("a movement is named twice; name each once")
     if len({*labels, *known}) < 2:

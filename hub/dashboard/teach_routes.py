@@ -174,9 +174,9 @@ class TeachPage:
     def _forget(self, fields: dict[str, Any]) -> None:
         unwanted = unwanted_of(fields)
         self._required.forget(unwanted, clips=fields.get("clips") is True)
-        log.info(
-            "forgetting from the page: %s", "everything" if unwanted.everything else unwanted.person or unwanted.label
-        )
+        # No name: what is forgotten does not stay in a log.
+        kind = "everything" if unwanted.everything else "a person" if unwanted.person else "a movement"
+        log.info("forgetting from the page: %s", kind)
 
     def _press(self, fields: dict[str, Any]) -> None:
         number = fields.get("number")

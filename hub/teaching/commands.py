@@ -13,7 +13,7 @@ import typer
 
 from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
-from common.vocabulary import Vocabulary
+from common.vocabulary import Vocabulary, require_teachable
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -178,12 +178,14 @@ def _started_here(
 
 
 def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[str]) -> None:
+    from common.teaching_messages import require_person
+
     if not labels:
         raise BadInput(
             f"teach {options.scene}: name the movements, e.g. labanmesh teach {options.scene} wave point clap"
         )
-    if "nothing" in labels:
-        raise BadInput("nothing: this word stands for something else than any movement; choose another name")
+    require_teachable(labels)
+    require_person(options.person)
     if len(labels) == 1 and not options.add:
         raise BadInput(
             f"{labels[0]}: one movement alone cannot be told from another; name at least two, or add it with --add to "

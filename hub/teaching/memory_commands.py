@@ -14,6 +14,7 @@ import typer
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
+from common.vocabulary import LABEL, LABEL_RULE
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -75,6 +76,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
 
     Without any, all learn what was corrected before. Raises BadInput, and LabanmeshError if nothing could be done.
     """
+    from common.teaching_messages import require_person
     from hub.teaching.correcting import clock_offsets, correct, learn_corrections
     from hub.teaching.moments import correction_of
 
@@ -83,6 +85,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
             f"--was {len(when)} times, and {len(labels)} labels: each --was WHEN is followed by what it was, e.g. "
             "--was last wave --was 20:14:03 nothing"
         )
+    require_person(person)
     with _opened(file) as taught:
         for name in taught.missing:
             taught.interface.say(f"{name}: does not answer; the others go on")
@@ -114,12 +117,15 @@ def forget(
 
     Example: labanmesh forget sofa.model --labels wave -o sofa.model
     """
-    from common.teaching_messages import Unwanted
+    from common.teaching_messages import Unwanted, require_person
     from hub.teaching.forgetting import forget as forget_everywhere
     from hub.teaching.forgetting import untouched_line
 
     if bool(person) + bool(label) + everything != 1:
         raise BadInput("what is to be forgotten? name one of --person NAME, --label LABEL, --all")
+    require_person(person)
+    if label and not LABEL.match(label):
+        raise BadInput(f"--label {label[:64]!r}: {LABEL_RULE}")
     what = "everything that was taught" if everything else f"all takes {'by ' + person if person else 'of ' + label}"
     what += f" and all clips{f' of {label}' if label else ''}" if clips else ""
     if not yes:

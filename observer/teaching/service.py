@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from common.config import MODELS, Scene
+from common.errors import LabanmeshError
 from common.subsession import SubSession
 from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
@@ -17,6 +18,7 @@ from observer.motion.archive import TracksCamera
 from observer.preview.clip_folder import ClipFolder
 from observer.recording.own_tracks import RATE_HZ, TracksRecorder
 from observer.runtime.pipeline import Observer, Posterior
+from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.model_learner import Build, ModelLearner
 from observer.teaching.takes_file import TakesFile
 from observer.teaching.teaching import Teaching
@@ -104,9 +106,17 @@ class TeachableObserver:
         vocabulary = self.vocabulary
         with self._lock:
             reply = self._teaching.handle(request, time.monotonic(), vocabulary.labels if vocabulary else ())
+            takes = self._teaching.recorded() if request.command == "check" and not reply.fault else None
+        if takes is not None:
+            # Without the lock: frames go on meanwhile.
+            reply = reply.model_copy(update={"doubts": doubtful_takes(takes, request.labels)})
         if reply.fault:
             log.warning("teaching: %s", reply.fault)
-        return encode(reply)
+        try:
+            return encode(reply)
+        except LabanmeshError as error:
+            # Thousands of takes: what was done is done.
+            return encode(TeachReply(state=reply.state, fault=str(error)[:TEXT_LIMIT]))
 
 
 def why_not(scene: Scene, observer_id: str) -> str:

@@ -11,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError
+from common.message_types import LAST_INTEGER
 from common.teaching_messages import Unwanted
 from observer.files import remove_file, write_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
@@ -117,7 +118,7 @@ class TakesFile:
         """The numbers of the takes of each movement on the disk."""
         result: dict[str, list[int]] = {}
         for recording in self._recordings():
-            if recording.label and recording.trial.isdecimal():
+            if recording.label and recording.trial.isdecimal() and int(recording.trial) <= LAST_INTEGER:
                 result.setdefault(recording.label, []).append(int(recording.trial))
         return result
 

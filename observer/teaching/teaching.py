@@ -13,11 +13,13 @@
 Times are seconds of a monotonic clock, and the times of frames in ns.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from common.errors import LabanmeshError
 from common.teaching_messages import (
+    PERSON_LIMIT,
     PERSONS_LIMIT,
+    TAKES_LIMIT,
     TEXT_LIMIT,
     CorrectedReport,
     ForgottenReport,
@@ -26,10 +28,11 @@ from common.teaching_messages import (
     TeachRequest,
     TeachState,
     Unwanted,
+    require_person,
 )
-from common.vocabulary import Vocabulary
+from common.vocabulary import LABEL, Vocabulary, require_teachable
+from observer.motion.archive import MotionArchive
 from observer.recording.own_tracks import TracksRecorder
-from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.corrections import Corrector
 from observer.teaching.interfaces import Learner, Takes
 from observer.teaching.take_recorder import TakeRecorder, fault_line
@@ -99,10 +102,11 @@ class Teaching:
         tracks = self._recording.shown(request) if shows else None
         if shows and request.label and tracks is None:
             fault = f"there is no take {request.take} of {request.label}"
-        reply = self._reply(fault, now_s, labels, tracks)
-        takes = self._takes.archive if request.command == "check" and not fault else None
-        doubts = [] if takes is None else doubtful_takes(takes, request.labels)
-        return reply.model_copy(update={"doubts": doubts}) if doubts else reply
+        return self._reply(fault, now_s, labels, tracks)
+
+    def recorded(self) -> MotionArchive | None:
+        """A snapshot of all takes on the disk, for `check`, which takes too long for the thread of the frames."""
+        return self._takes.archive
 
     def _refused(self, request: TeachRequest, now_s: float) -> str:
         others = request.teacher != self._teacher and now_s - self._asked_s < TEACHER_S
@@ -123,6 +127,8 @@ class Teaching:
                 self._learner.fault = ""
                 self._takes.start(request.labels, add=request.add)
             case "begin":
+                require_teachable(filter(None, [request.label]))
+                require_person(request.person)
                 return self._recording.begin(request, pictures=self._sees(now_s))
             case "end":
                 self._recording.end()
@@ -140,6 +146,8 @@ class Teaching:
                 self._learner.adopt(request.in_s)
                 self._takes.finish()
             case "correct":
+                require_teachable(filter(None, [request.label]))
+                require_person(request.person)
                 self._corrected = self._corrector.correct(request)
             case "forget":
                 self._forgotten = self._forget(request)
@@ -178,7 +186,7 @@ class Teaching:
             still=self._recording.still if sees and self._visible else None,
             complaint=complaint[:TEXT_LIMIT],
             take=self._recording.report,
-            takes=self._takes.takes,
+            takes={label: takes[:TAKES_LIMIT] for label, takes in self._takes.takes.items() if LABEL.match(label)},
             other_s=self._takes.other_s,
             labels=list(labels),
             learned=self._learner.learned,
@@ -187,7 +195,7 @@ class Teaching:
             forgotten=self._forgotten,
             people=self._recording.people if sees else None,
             claps=self._recording.claps,
-            persons=dict(list(self._takes.persons.items())[:PERSONS_LIMIT]),
+            persons=_sayable_persons(self._takes.persons),
         )
 
     @property
@@ -197,3 +205,12 @@ class Teaching:
         if self._recording.current is not None:
             return "recording"
         return "idle" if self._learner.learned is None else "learned"
+
+
+def _sayable_persons(persons: Mapping[str, Mapping[str, int]]) -> dict[str, dict[str, int]]:
+    """Those of the persons who fit into a reply: a file of an earlier version may hold names of any length."""
+    return {
+        name: {label: count for label, count in counts.items() if not label or LABEL.match(label)}
+        for name, counts in list(persons.items())[:PERSONS_LIMIT]
+        if len(name) <= PERSON_LIMIT
+    }

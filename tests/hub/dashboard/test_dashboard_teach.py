@@ -93,7 +93,8 @@ def post(path, fields, **headers):
     return "POST", f"/teach/{path}", {"json": fields, "headers": {**BEARER, **headers}}
 
 
-def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesson_server):
+def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesson_server, caplog):
+    caplog.set_level("INFO", "labanmesh.hub")
     press = {"lesson": "abc", "number": 4, "action": "drop", "take": 2}
     answers = ask(lesson_server, post("start", PLAN), post("press", press), post("stop", {"lesson": "abc"}))
     assert [each.status_code for each in answers] == [204] * 3
@@ -108,6 +109,8 @@ def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesso
     assert lesson_server.forgotten == [
         (Unwanted("anna"), False), (Unwanted(label="nod"), True), (Unwanted(everything=True), False)
     ]  # fmt: skip
+    kinds = [f"forgetting from the page: {kind}" for kind in ("a person", "a movement", "everything")]
+    assert caplog.messages[-3:] == kinds, "a name that is forgotten does not stay in the log"
     again, now, unknown, missing, home = ask(
         lesson_server, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
         for path in ("now/cam1", "now/attic", "take/cam1/wave/3", "home")),
@@ -226,7 +229,8 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     [({"labels": []}, "name at least one movement"), ({}, "a list of names"), ({"labels": [3, 4]}, "a list of names"),
      ({"labels": ["wave"]}, "one movement alone cannot be told"), ({"labels": ["wave", " "]}, "has no name"),
      ({"labels": ["wave", "a/b"]}, "'a/b': use lower case letters"), ({"labels": ["wave", "wave"]}, "named twice"),
-     ({"labels": ["wave", "abstain"]}, "choose another name"), ({"labels": ["ok"], "add": True}, "one movement alone"),
+     ({"labels": ["wave", "abstain"]}, "choose another name"), ({"labels": ["wave", "rest"]}, "choose another name"),
+     ({"labels": ["ok"], "add": True}, "one movement alone"),
      ({"labels": [f"m{n}" for n in range(31)]}, "at most 30"), ({**PLAN, "takes": 1}, "takes: a number from 2 to 20"),
      ({**PLAN, "takes": True}, "takes"), ({**PLAN, "minutes": 99}, "minutes: a number from 0 to 15"),
      ({**PLAN, "minutes": float("nan")}, "minutes"), ({**PLAN, "seconds": "3"}, "seconds: a number from 0.5 to 12"),

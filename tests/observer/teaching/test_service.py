@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from itertools import product
 from types import SimpleNamespace
 
+import msgpack
 import numpy as np
 import pytest
 
@@ -19,7 +20,7 @@ from observer.motion.archive_file import read_archive
 from observer.runtime.pipeline import Observer, Resampler
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import is_untaught
-from observer.teaching import model_learner
+from observer.teaching import model_learner, service
 from observer.teaching.service import teachable, why_not
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
@@ -162,6 +163,32 @@ def test_tracks_are_not_remembered_outside_a_lesson_if_the_scene_says_so(scene, 
     assert room.observer._recorder.newest_ns - room.observer._recorder.oldest_ns <= 2 * SECOND_NS
     room.ask("start", labels=["wave", "reach"]), room.film(30.0)
     assert room.observer._recorder.newest_ns - room.observer._recorder.oldest_ns > 25 * SECOND_NS
+
+
+def test_frames_go_on_while_takes_are_compared(room, monkeypatch):
+    room.film(1.0)
+    room.ask("start", labels=["wave", "reach"])
+    for label, lift in LIFTS.items():
+        room.ask("begin", label=label, take=1), room.film(1.0), room.film(1.5, lift), room.film(1.5)
+    filmed = []
+
+    def compare(takes, labels):
+        film = threading.Thread(target=lambda: filmed.append(room.film(0.2)), daemon=True)
+        film.start(), film.join(20)
+        return []
+
+    monkeypatch.setattr(service, "doubtful_takes", compare)
+    assert room.ask("check", labels=["wave", "reach"]).fault == "" and filmed == [None]
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{"person": "x" * 40_000}, {"label": "x" * 65}, {"labels": ["x" * 65]}, {"correction": "x" * 301}, {"in_s": -1.0}],
+)
+def test_a_request_without_bounds_is_refused_and_the_next_one_is_answered(room, fields):
+    good = {"v": 1, "command": "begin", "teacher": "anna", "label": "wave"}
+    reply = decode(TeachReply, room.observer.respond(msgpack.packb(good | fields)))
+    assert next(iter(fields)) in reply.fault and room.ask("status").fault == ""
 
 
 def test_a_failure_to_learn_is_one_line_and_the_old_model_stays(room, scene):

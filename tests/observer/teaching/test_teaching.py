@@ -7,11 +7,13 @@ import pytest
 
 from common import SECOND_NS
 from common.teaching_messages import LearnedReport, TeachRequest
+from common.vocabulary import RESERVED
 from common.wire import encode
 from observer import files
 from observer.motion.archive import Recording, TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.recording.own_tracks import TracksRecorder
+from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.takes_file import TakesFile
 from observer.teaching.teaching import Teaching
 from observer.tracks import BODY_PARTS, Frame, Outline, SeenPeople, Tracks
@@ -202,9 +204,9 @@ def test_takes_that_contradict_each_other_are_named_before_anything_is_learned(r
     for take in (1, 2, 3):
         room.perform("wave", take)
         room.clap_take(take)
-    assert room.ask("check", labels=["wave", "clap"]).doubts == []
+    assert doubtful_takes(room.teaching.recorded(), ["wave", "clap"]) == []
     room.perform("clap", 4)
-    (doubt,) = room.ask("check", labels=["wave", "clap"]).doubts
+    (doubt,) = doubtful_takes(room.teaching.recorded(), ["wave", "clap"])
     assert (doubt.label, doubt.take, doubt.like) == ("clap", 4, "wave")
 
 
@@ -282,6 +284,24 @@ def test_one_teacher_at_a_time(room):
 )
 def test_a_vocabulary_that_cannot_be_is_refused(tmp_path, labels, refusal, fault):
     assert fault in Room(tmp_path, refusal).ask("start", labels=labels).fault
+
+
+@pytest.mark.parametrize("label", RESERVED)
+def test_no_take_has_a_label_that_stands_for_something_else(room, label):
+    room.ask("start", labels=["wave", "clap"])
+    assert label in room.ask("begin", label=label, take=1).fault
+    assert correct(room, "f", label, 1.0, 0.5).fault.startswith(label)
+    assert room.ask("status").takes == {} and room.ask("begin", label="wave", take=1).fault == ""
+
+
+def test_names_on_the_disk_that_fit_into_no_reply_do_not_disable_teaching(room):
+    takes = TakesFile(room.path, BODY_PARTS, TracksCamera("sofa"))
+    positions = np.zeros((9, len(BODY_PARTS), 2), np.float32)
+    takes.add(Recording(positions, 15.0, "w" * 99, "anna", "1"))
+    takes.add(Recording(positions, 15.0, "wave", "x" * 40_000, "9" * 30))
+    room.restart()
+    reply = room.ask("start", labels=["wave", "clap"], add=True)
+    assert encode(reply) and (reply.fault, reply.takes, reply.persons) == ("", {}, {"anna": {}})
 
 
 def test_a_teacher_is_shown_takes_and_what_is_seen_now(tmp_path):
