@@ -12,8 +12,10 @@ from common.text import named_numbers, one_of, split_list
 from studies.evaluate_options import EvaluateOptions, LabelSets, TestSubjects, TrainSubjects
 
 if TYPE_CHECKING:
+    from observer.motion.archive import MotionArchive
     from studies.evaluate import EvaluationSettings
     from studies.evaluated_archives import EvaluatedArchives
+    from studies.run_evaluation import EvaluationTasks
 
 FACINGS = 12
 """One per 30 degrees: fewer lose up to 2 points between two facings, more cost time (docs/design/model.md)."""
@@ -34,9 +36,21 @@ def evaluate(options: EvaluateOptions) -> None:
     Example: labanmesh evaluate msr.npz --views door --other-motion story.npz --background story.npz \
     --background-subjects a
     """
+    # Begins before the imports, which take a moment.
+    with ProgressBar("reading the recordings"):
+        whole, settings, tasks = _input(options)
+    from studies.run_evaluation import run_evaluation
+
+    written = run_evaluation(whole, settings, tasks, options.report, options.json)
+    if written:
+        print("\nwritten:", *written, sep="\n  ")
+
+
+def _input(options: EvaluateOptions) -> "tuple[MotionArchive, EvaluationSettings, EvaluationTasks]":
+    """The recordings and what to do with them; raises BadInput for options that do not fit."""
     from observer.geometry.placement import parse_place, placement_of
     from studies.evaluated_archives import BackgroundChoice, read_archives
-    from studies.run_evaluation import EvaluationTasks, require_compatible, run_evaluation
+    from studies.run_evaluation import EvaluationTasks, require_compatible
 
     through = one_of("--through", options.through, ("process", "mesh", "pixels"))
     background = BackgroundChoice.parse(options.background, options.background_subjects)
@@ -48,9 +62,7 @@ def evaluate(options: EvaluateOptions) -> None:
     settings = _settings(options, archives)
     tasks = EvaluationTasks(through, background.scenery, options.stream, options.learning_curve, options.jobs)
     require_compatible(settings, tasks)
-    written = run_evaluation(archives.whole, settings, tasks, options.report, options.json)
-    if written:
-        print("\nwritten:", *written, sep="\n  ")
+    return archives.whole, settings, tasks
 
 
 def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "EvaluationSettings":

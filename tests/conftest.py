@@ -6,12 +6,17 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import common.progress
+
 LONG = {"e2e", "faults", "integration", "attacks"}
 """Folders of tests that start processes, or wait for them."""
 
 # Before NumPy is imported: the workers, and the processes that tests start, would fight for the cores.
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
+# What a command prints must not depend on how long it takes.
+common.progress.BEGIN_S = 3600.0
 
 # A deadline measures the machine. In CI, Hypothesis has a profile of its own, with a hundred fixed examples; at a desk
 # each run draws other ones, and half as many keep `make test` short.

@@ -11,6 +11,7 @@ import typer
 
 from common.command_options import takes_options
 from common.errors import BadInput
+from common.progress import ProgressBar
 from common.text import named_numbers, plural, split_list
 from common.vocabulary import Vocabulary
 from observer.learning.descriptions import (
@@ -54,15 +55,14 @@ def learn(options: LearnOptions) -> None:
 
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
-    from observer.learning.learning_sources import read_source, sensors_to_learn
+    _require_compatible(options)
+    labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
+    # Begins before the imports, which take a moment.
+    with ProgressBar("reading the recordings"):
+        sensors, sources = _read(options)
     from observer.motion.archive import require_labels
     from observer.motion.sensors import require_shared_labels
 
-    _require_compatible(options)
-    labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
-    sensors = sensors_to_learn(_choice(options))
-    people, background = split_list("--subjects", options.subjects), (options.background, options.background_labels)
-    sources = [read_source(one, people, options.rate, options.parts, background) for one in sensors]
     if options.effort:
         _learn_effort(options, sources[0], sensors[0].placement)
     elif options.add_to:
@@ -76,6 +76,15 @@ def learn(options: LearnOptions) -> None:
             require_labels(labels, sources[0].archive, "--labels")
         vocabulary = Vocabulary(labels, options.name)
         _learn_all([_Part(options, *of_one, vocabulary, parameters) for of_one in zip(sensors, sources, strict=True)])
+
+
+def _read(options: LearnOptions) -> "tuple[Sequence[SensorFile], list[LearningSource]]":
+    """The sensors, and the recordings of each."""
+    from observer.learning.learning_sources import read_source, sensors_to_learn
+
+    sensors = sensors_to_learn(_choice(options))
+    people, background = split_list("--subjects", options.subjects), (options.background, options.background_labels)
+    return sensors, [read_source(one, people, options.rate, options.parts, background) for one in sensors]
 
 
 def _choice(options: LearnOptions) -> "SourceChoice":
@@ -122,13 +131,12 @@ class _Part:
 def _learn_all(parts: Sequence[_Part]) -> None:
     """Learn and write one model for each part, several at once, and print what became of them."""
     from common.parallel import cores, run_parts
-    from common.progress import ProgressBar
 
     with ProgressBar() as bar:
 
         def done(number: int, total: int) -> None:
-            if total > 1:
-                bar("learning", number, total)
+            # Of one model the steps are not known.
+            bar("learning", number, total if total > 1 else 0)
 
         texts = run_parts(_learn_movements, parts, parts[0].options.jobs or cores(), done)
     for part, text in zip(parts, texts, strict=True):
@@ -182,16 +190,17 @@ def _add_movements(
     from observer.learning.editing import add_movements
     from observer.model.model_file import read_model, write_model
 
-    edited = add_movements(
-        read_model(old),
-        source.archive,
-        source.view,
-        labels=labels,
-        kind=options.model,
-        parameters=parameters,
-        source=source.provenance["archive"],
-        placement=placement,
-    )
+    with ProgressBar("learning"):
+        edited = add_movements(
+            read_model(old),
+            source.archive,
+            source.view,
+            labels=labels,
+            kind=options.model,
+            parameters=parameters,
+            source=source.provenance["archive"],
+            placement=placement,
+        )
     write_model(options.output, edited.model)
     print(describe_addition(options.output, edited))
     _warn_of_few_recordings(source.archive, edited.labels)
@@ -203,7 +212,8 @@ def _learn_effort(options: LearnOptions, source: "LearningSource", placement: "P
     from observer.motion.placing import placed
 
     archive = placed(source.archive, placement) if placement else source.archive
-    learned = learn_effort(archive, source.view, source.provenance)
+    with ProgressBar("learning"):
+        learned = learn_effort(archive, source.view, source.provenance)
     write_effort(options.output, learned)
     print(
         f"{options.output}: Effort for {learned.view} from {plural(int(learned.provenance['examples']), 'example')}, "

@@ -2,6 +2,7 @@
 
 import io
 import sys
+import threading
 
 import pytest
 
@@ -37,15 +38,35 @@ def test_each_task_has_its_own_lines_and_may_start_again(capsys):
     assert lines_of(capsys) == [f"{what}: {n} of 2" for what in ("learning", "judging", "learning") for n in (1, 2)]
 
 
+def test_a_task_that_takes_a_while_says_that_it_has_begun(monkeypatch, capsys):
+    timers = []
+
+    class Timer(threading.Timer):
+        def start(self):
+            timers.append(self)
+
+    monkeypatch.setattr(threading, "Timer", Timer)
+    with ProgressBar("reading") as bar:
+        timers[-1].function(*timers[-1].args, **timers[-1].kwargs)
+        assert lines_of(capsys) == ["reading"]
+        bar("judging", 0, 8)
+        bar("judging", 1, 8)
+        assert len(timers) == 2 and timers[1].args == ("judging: 0 of 8",)
+        bar("judging", 8, 8)
+    assert all(timer.finished.is_set() for timer in timers)
+    assert lines_of(capsys) == ["judging: 8 of 8"]
+
+
 def test_a_terminal_shows_a_bar(monkeypatch, capsys):
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    with ProgressBar() as bar:
+    with ProgressBar("reading") as bar:
+        assert "reading" in terminal.getvalue()
         bar("learning", 1, 2)
         bar("judging", 1, 4)
         bar("learning", 2, 2)
-        tasks = {task.description: (task.completed, task.total) for task in bar._rich.tasks}
+        tasks = {task.description: (task.completed, task.total) for task in bar._rich.tasks if task.visible}
     assert tasks == {"learning": (2, 2), "judging": (1, 4)}
     assert "learning: " not in terminal.getvalue() and capsys.readouterr().out == ""
 
