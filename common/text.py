@@ -16,6 +16,11 @@ def plural(count: int, singular: str, irregular: str = "") -> str:
     return f"{count} {singular if count == 1 else irregular or singular + 's'}"
 
 
+def printable(text: str) -> str:
+    """`text` with `?` for characters that could control a terminal; whatever comes over the network may have some."""
+    return "".join(character if character.isprintable() else "?" for character in text)
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """A suggestion for an unknown word: the nearest known one, or all of them if none is near."""
     from difflib import get_close_matches

@@ -14,7 +14,7 @@ from rich.panel import Panel
 from rich.text import Text
 
 from common.messages import VerdictMessage
-from common.text import plural
+from common.text import plural, printable
 from hub.anticipation import EarlyWord
 from hub.same_id import in_words
 from hub.scene_state import SOMETHING_ELSE, ObserverState, RankedLabel, SceneState, is_abstention
@@ -30,7 +30,6 @@ from hub.wording import (
     duration,
     label_words,
     percent,
-    printable,
     undecided,
 )
 

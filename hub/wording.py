@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from common import SECOND_NS
 from common.facets import FACETS
 from common.messages import JudgementMessage, VerdictMessage, Vote
+from common.text import printable
 from hub.anticipation import EarlyWord
 from hub.scene_state import SOMETHING_ELSE, is_abstention, is_heard, is_waiting
 
@@ -59,11 +60,6 @@ def facing_words(facing_deg: float, degree: str = "°") -> str:
     if left in (0, -180):
         return "back" if left else "front"
     return f"{abs(left)}{degree} {'left' if left > 0 else 'right'}"
-
-
-def printable(text: str) -> str:
-    """`text` with `?` for characters that could control a terminal; it may come from a foreign process."""
-    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def calendar_time(at_ns: int) -> datetime | None:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from common.config_input import PREFIX, Place
-from common.text import plural, without_secrets
+from common.text import plural, printable, without_secrets
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -109,11 +109,6 @@ def as_json(findings: Sequence[Finding], labanmesh: str, settings: Sequence[Effe
         "settings": [asdict(setting) for setting in settings],
     }
     return json.dumps(report, indent=2)
-
-
-def printable(text: str) -> str:
-    """`text` without characters that could steer a terminal: it may come from strangers."""
-    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def settings_in_force(

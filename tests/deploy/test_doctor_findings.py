@@ -20,7 +20,6 @@ from deploy.doctor.findings import (
     as_json,
     from_fault,
     page,
-    printable,
     settings_in_force,
     summary,
     worst,
@@ -352,11 +351,6 @@ def test_the_page_has_marks_in_words_and_hides_nothing():
     read = json.loads(as_json(findings, "0.1.0"))
     assert read["worst"] == "error" and [each["mark"] for each in read["findings"]] == ["error", "ok", "warning"]
     assert set(read["findings"][0]) == {"group", "mark", "what", "to_do"}
-
-
-@given(st.text())
-def test_no_printed_text_steers_a_terminal(text):
-    assert printable(text).isprintable()
 
 
 def test_the_page_of_the_docs_names_every_group():
