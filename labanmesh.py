@@ -1,14 +1,23 @@
 """The command line: it imports the package of a verb only when the verb is called, so that `--help` is fast."""
+# ruff: noqa: E402 - Ctrl-C has to be handled before the imports that take a moment
 
 import atexit
 import errno
 import importlib
 import importlib.util
-import inspect
 import os
+import signal
 import sys
+
+IS_PROGRAM = os.path.basename(sys.argv[0]).startswith("labanmesh")  # noqa: PTH119 - pathlib would slow down --help
+"""Whether this process is the command, not a program of others that imports this module."""
+TAKES_CTRL_C = IS_PROGRAM and signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not ignored
+if TAKES_CTRL_C:
+    # Until a verb runs nothing has to be cleaned up.
+    signal.signal(signal.SIGINT, lambda *_: os._exit(130))
+
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -88,6 +97,7 @@ SYSTEM_LIBRARY = "cannot open shared object file"
 """The loader's error for a library of the system that is not installed."""
 INSTALL_LIBRARY = "install that library of the system (libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
 LINE_LIMIT = 2000
+INTERRUPTED = 130
 WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
@@ -97,13 +107,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     arguments: by default those of the process, which then ends here if it has used Zenoh.
     """
     status = _status_of(list(sys.argv[1:] if arguments is None else arguments))
-    if arguments is None and "zenoh" in sys.modules:
+    if arguments is None and ("zenoh" in sys.modules or status == INTERRUPTED):
         end_process(status)
     return status
 
 
 def end_process(status: int) -> None:
-    """End without the interpreter's own end.
+    """End without the interpreter's own end, which waits for every thread.
 
     Zenoh's threads let go of callbacks some time after their session was closed. If the interpreter is being torn down
     at that moment, the C library aborts the process ("exception not rethrown", status -6).
@@ -123,6 +133,11 @@ def _status_of(words: Sequence[str]) -> int:
         return 2
     from common.errors import LabanmeshError, reason_of, with_scene_file
 
+    if IS_PROGRAM and (sys.stdout.isatty() or sys.stderr.isatty()):
+        from common.terminal import wrap_on_terminals
+
+        wrap_on_terminals()
+
     try:
         status = _dispatch(words)
         # Flushed here, because a closed pipe could no longer be handled at the interpreter's exit.
@@ -133,7 +148,7 @@ def _status_of(words: Sequence[str]) -> int:
         print(f"labanmesh: {with_scene_file(str(error), words)}"[:LINE_LIMIT], file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
     except BrokenPipeError:
         # The reader of our output has closed it.
         _discard_output()
@@ -241,7 +256,8 @@ def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
     loaded = (FORGET_IN_MODEL if in_model else VERBS[verb]).load()
     if isinstance(loaded, typer.Typer):
         return loaded
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    # Without markup Typer breaks help between words and cuts no option short.
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     app.command(verb)(loaded)
     return app
 
@@ -253,12 +269,12 @@ def _run(verb: str, words: Sequence[str]) -> int:
     from typer.exceptions import TyperException
 
     from common.errors import BadInput
+    from common.interrupt import interruptible
 
     try:
         command = typer.main.get_command(app_of(verb, words))
-        if "--help" in words:
-            _set_help(command)
-        status = command.main(words, f"labanmesh {verb}", standalone_mode=False)
+        with interruptible() if TAKES_CTRL_C else nullcontext():
+            status = command.main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         # Typer names the parameter and the rule; the value is in what was typed.
@@ -270,22 +286,6 @@ def _run(verb: str, words: Sequence[str]) -> int:
     except typer.Abort:
         raise KeyboardInterrupt from None
     return status if isinstance(status, int) else 0
-
-
-def _set_help(command: Any) -> None:  # noqa: ANN401 - the class of Typer is private
-    """Prepare the help of a command and its sub-commands for Typer.
-
-    Typer keeps the line breaks of a docstring, and takes words in square brackets, such as [fusion], for markup.
-    """
-    from rich.markup import escape
-
-    paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
-    command.help = escape("\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs))
-    for parameter in command.params:
-        if isinstance(text := getattr(parameter, "help", None), str):
-            parameter.help = escape(text)
-    for sub_command in getattr(command, "commands", {}).values():
-        _set_help(sub_command)
 
 
 def _example(verb: str, error: Any) -> str:  # noqa: ANN401 - the class of Typer is private

@@ -1,10 +1,12 @@
 """Runs the parts of a task in several processes, or one after the other in this one."""
 
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context, parent_process, resource_tracker
 from typing import TypeVar
 
 Part = TypeVar("Part")
@@ -24,24 +26,62 @@ def run_parts(
 ) -> list[Result]:
     """The results of all parts, in their order; done: called with the number of parts that are finished, and of all.
 
-    The function, the parts and the results must be picklable if jobs is above 1. An error of one part is raised.
+    The function, the parts and the results must be picklable if jobs is above 1. An error of one part is raised; the
+    others then end at once, as they do after Ctrl-C.
     """
+    done(0, len(parts))
     if min(jobs, len(parts)) < 2:
         results = []
         for n, part in enumerate(parts, 1):
             results.append(function(part))
             done(n, len(parts))
         return results
-    with _one_thread_each(), ProcessPoolExecutor(min(jobs, len(parts)), get_context("spawn")) as pool:
-        futures = [pool.submit(function, part) for part in parts]
-        try:
-            for n, future in enumerate(as_completed(futures), 1):
-                future.result()
-                done(n, len(parts))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    with _one_thread_each(), _workers(min(jobs, len(parts))) as pool:
+        with _ctrl_c_blocked():
+            futures = [pool.submit(function, part) for part in parts]
+        for n, future in enumerate(as_completed(futures), 1):
+            future.result()
+            done(n, len(parts))
         return [future.result() for future in futures]
+
+
+@contextmanager
+def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes that end with the context; after an exception, such as that of Ctrl-C, at once."""
+    others = set(active_children())
+    pool = ProcessPoolExecutor(count, get_context("spawn"), initializer=_end_with_parent)
+    try:
+        yield pool
+    except BaseException:
+        for worker in set(active_children()) - others:
+            worker.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _ctrl_c_blocked() -> Iterator[None]:
+    """Processes that start meanwhile inherit that Ctrl-C does not reach them: it is for this process to end them."""
+    # Its own process starts with the first of the others, and would lift the block.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _end_with_parent() -> None:
+    """End this process as soon as its parent is gone, for example killed."""
+    threading.Thread(target=_wait_for_parents_end, daemon=True).start()
+
+
+def _wait_for_parents_end() -> None:
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

@@ -6,13 +6,12 @@ Virtual cameras film the recorded people, and camshift tracks hands and head in 
 import threading
 import zlib
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from multiprocessing import get_context
 
 import numpy as np
 
+from common.parallel import run_parts
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View, facing, parse_view
 from observer.model.base import MovementModel
@@ -103,14 +102,12 @@ def evaluate_pixels(
     """
     vocabulary, folds = Vocabulary(settings.labels), folds_of(archive, settings, settings.labels)
     results: list[TrialResult] = []
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
-        for number, split in enumerate(folds):
-            trials = trials_of(split, settings, number)
-            track = partial(_tracked, views=settings.views, recorded=archive.body_parts, filming=filming or Filming())
-            models = learn(split, vocabulary, settings)
-            for n, (trial, tracks) in enumerate(zip(trials, pool.map(track, trials), strict=True), 1):
-                results.append(_judge(trial, tracks, models, settings))
-                progress("filming, tracking and judging", n, len(trials))
+    for number, split in enumerate(folds):
+        trials = trials_of(split, settings, number)
+        track = partial(_tracked, views=settings.views, recorded=archive.body_parts, filming=filming or Filming())
+        tracked = run_parts(track, trials, processes, partial(progress, "filming and tracking"))
+        models = learn(split, vocabulary, settings)
+        results += [_judge(*one, models, settings) for one in zip(trials, tracked, strict=True)]
     n_train = sum(len(split.train.recordings) for split in folds)
     return EvaluationResult(settings, vocabulary, fuse_again(results, settings), n_train, 0.0, 0.0)
 

@@ -7,6 +7,7 @@ model is learned once, and judges trials, streams and other motion.
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,8 +128,7 @@ def observe_folds(
         for number, (split, fold) in enumerate(zip(splits, folds, strict=True))
         for v in range(len(settings.views))
     ]
-    what = "learning and judging"
-    courses = run_parts(observe_part, parts, jobs, lambda done, total: progress(what, done, total))
+    courses = run_parts(observe_part, parts, jobs, partial(progress, "learning and judging"))
     by_fold = len(settings.views)
     return [replace(fold, courses=courses[n * by_fold : (n + 1) * by_fold]) for n, fold in enumerate(folds)]
 

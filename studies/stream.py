@@ -49,7 +49,7 @@ def judge_observed(
     configs = [config, *(config.model_copy(update={"threshold": t}) for t in THRESHOLDS if settings.unlearned)]
     parts = [part for fold in folds for part in fold.stream_courses]
     judge = partial(_judged, vocabulary=Vocabulary(settings.labels), configs=configs)
-    results = run_parts(judge, parts, jobs, lambda done, total: progress("judging streams", done, total))
+    results = run_parts(judge, parts, jobs, partial(progress, "judging streams"))
     other = [n >= len(fold.streams) - fold.other_motion for fold in folds for n in range(len(fold.streams))]
     chosen = [result for result, is_other in zip(results, other, strict=True) if not is_other]
     by_threshold = {

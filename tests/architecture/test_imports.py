@@ -55,8 +55,8 @@ IMPURE = {
         "studies.report studies.run_evaluation"
     ),
     "sockets, signals, processes, the terminal, the supervisor": (
-        "*.commands *.instrumentation *.service common.health common.lifecycle common.log_limit "
-        "common.notify common.progress common.tls deploy.doctor.broker "
+        "*.commands *.instrumentation *.service common.health common.interrupt common.lifecycle common.log_limit "
+        "common.notify common.progress common.terminal common.tls deploy.doctor.broker "
         "deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher deploy.make_environment "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
@@ -124,7 +124,7 @@ def test_packages_import_only_what_they_may():
 
 
 def test_the_command_line_imports_a_package_only_for_its_verb():
-    allowed = ("common.errors", "common.text")
+    allowed = ("common.errors", "common.interrupt", "common.terminal", "common.text")
     faults = [i.place for i in all_imports() if i.by == "labanmesh" and i.top in ROOMS and i.of not in allowed]
     assert not faults, f"labanmesh.py imports packages only through VERBS, so that --help is fast: {listed(faults)}"
     assert {room_of(verb.module) for verb in VERBS.values()} <= set(ROOMS)
