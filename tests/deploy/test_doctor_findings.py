@@ -6,8 +6,6 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from common.config import MeshConfig, ObserverConfig, Scene, read_scene
 from common.config_sections import ClipsConfig
