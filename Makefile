@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 environment = $(PYTHON) deploy/make_environment.py --target '$(or $(MAKECMDGOALS),$@)'
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-mediapipe test-browser guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help install demo test test-install test-mediapipe test-browser guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 20
@@ -28,6 +28,9 @@ demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
 
 test: $(VENV)/.ready fault-tools mqtt-tools   ## all tests; those on recorded people need LABANMESH_DATA
 	@$(BIN)/pytest -q
+
+test-install: $(VENV)/.ready   ## the wheel with each extra alone: every verb works, or names the extra that it lacks; about 3 GB
+	@$(BIN)/pytest -q -n0 --timeout 900 tests/install
 
 test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
 	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP --timeout 900 tests/mediapipe tests/contracts/test_trackers.py

@@ -13,6 +13,7 @@ import pytest
 import typer
 from doc_pages import DOCS, ROOT, blocks
 from pydantic_core import PydanticUndefined
+from source_imports import ROOMS
 
 from common import messages
 from common.config import Scene
@@ -44,7 +45,7 @@ MESSAGES = {
 REWRITE = "the last block of docs/reference/wire.md is the command that rewrites it"
 SHELL = {".", "cd", "mkdir"}
 """Shell commands that a block may contain besides ours."""
-FOLDERS = ("common", "observer", "fusion", "hub", "studies", "deploy", "examples", "benchmarks", "tests")
+FOLDERS = (*ROOMS, "examples", "benchmarks", "tests")
 MODULES = [ROOT / "labanmesh.py", *chain(*((ROOT / folder).rglob("*.py") for folder in FOLDERS))]
 
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

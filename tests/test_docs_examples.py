@@ -90,6 +90,13 @@ def test_the_example_of_a_model_recognises_movements(monkeypatch):
     assert opinions[-1].p[0] > 0.8
 
 
+@pytest.mark.parametrize("place", range(3))
+def test_the_examples_of_tests_pass(place, laban_scene):
+    names = executed(blocks(DOCS / "guide" / "testing.md", "python")[place])
+    (test,) = [value for name, value in names.items() if name.startswith("test_")]
+    test(laban_scene)
+
+
 def test_the_other_examples_of_extensions_work(tmp_path):
     pooled = extension("quadratic_mean")["RULE"].pool(np.array([[0.6, 0.4], [0.6, 0.4]]), np.full(2, 0.5))
     assert pooled.p == pytest.approx([0.6, 0.4])

@@ -27,7 +27,7 @@ ON_REQUEST = {
 STARTED = {**{name: verb.module for name, verb in VERBS.items()}, "forget --labels": FORGET_IN_MODEL.module}
 NOT_VERBS = (
     "labanmesh", "deploy.make_environment", "deploy.home-assistant.labanmesh.run", "observer.runtime.preflight",
-    "observer.tracking.task_file",
+    "observer.tracking.task_file", "labanmesh_testing.plugin",
 )  # fmt: skip
 """Modules that no verb imports: programs of their own."""
 
@@ -92,6 +92,14 @@ def test_a_verb_imports_only_what_its_extras_bring(verb):
         if extra_of(library) and verb not in documented()[extra_of(library)]
     ]
     assert not faults, "\n".join(faults)
+
+
+def test_the_pytest_plugin_costs_nothing_until_a_fixture_is_used():
+    libraries = {library for _, library in reached("labanmesh_testing.plugin")[1]}
+    assert {extra_of(library) for library in libraries} == {"", "testing"}
+    at_start = [each for each in all_imports() if each.by in ("labanmesh_testing", "labanmesh_testing.plugin")]
+    heavy = {each.of for each in at_start if each.at_import and not each.for_types} - sys.stdlib_module_names
+    assert heavy - {"collections.abc"} == {"pytest"}
 
 
 @pytest.mark.parametrize(("by", "of"), ON_REQUEST)

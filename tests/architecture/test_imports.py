@@ -16,6 +16,7 @@ MAY_ENTER = {
     "hub": {"hub", "common"},
     "deploy": {"deploy", "common"},
     "studies": {"studies", "observer", "fusion", "common"},
+    "labanmesh_testing": {"labanmesh_testing", "fusion", "common"},
     "labanmesh": {"common"},
 }
 ONLY_IN = {
@@ -42,7 +43,7 @@ IMPURE = {
         "fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker fusion.server "
         "fusion.standby fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.watch "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "observer.foreign.sources studies.replay.playback studies.over_mesh"
+        "labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "

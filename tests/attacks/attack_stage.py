@@ -18,7 +18,6 @@ from attack_person import VIEWS
 from attack_session import Attacker, Witness
 from fault_processes import Process
 from fault_stage import START
-from mesh_stage import Mesh
 from mqtt_stage import Broker, mosquitto
 from processes import SOON_S, labanmesh, until
 
@@ -27,6 +26,7 @@ from common import SECOND_NS
 from common.config import MeshConfig, read_scene
 from common.link import Link
 from fusion.server import serve
+from labanmesh_testing.mesh import Mesh
 from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive

@@ -12,11 +12,12 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from mesh_stage import Mesh, posterior
+from mesh_stage import posterior
 
 from common.config import read_scene
 from common.messages import VocabularyReference
 from fusion.server import serve
+from labanmesh_testing.mesh import Mesh
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = ("subscriber.py", "robot.py", "observer.py")

@@ -1,14 +1,11 @@
-"""What tests with real Zenoh peers share: links, services in threads, observers that need no camera, waiting."""
+"""What tests with real Zenoh peers share beside labanmesh_testing: messages, observers without a camera, waiting."""
 
-import threading
 import time
-from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import zenoh
 from processes import SOON_S
 
-from common.link import Link
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
@@ -41,46 +38,6 @@ def lay_out(folder, pair, authority):
         (folder / name).write_bytes(content)
         (folder / name).chmod(0o600)
     return str(folder)
-
-
-@contextmanager
-def running(serve, *arguments):
-    """Run a service in a thread; yields its stop event and its thread. Its failure is the test's."""
-    stop, faults = threading.Event(), []
-
-    def body():
-        try:
-            serve(*arguments, stop)
-        except Exception as error:  # noqa: BLE001 - asserted below
-            faults.append(error)
-
-    thread = threading.Thread(target=body)
-    thread.start()
-    try:
-        yield stop, thread
-    finally:
-        stop.set()
-        thread.join(SOON_S)
-    assert not thread.is_alive() and faults == []
-
-
-class Mesh:
-    """Peers that meet at the link `meeting`; all close together."""
-
-    def __init__(self, config):
-        self._opened = ExitStack()
-        self.meeting = self._opened.enter_context(Link.open(config, "fusion"))
-        self.config = config.at(self.meeting.locator)
-
-    def peer(self, role="hub"):
-        return self._opened.enter_context(Link.open(self.config, role))
-
-    def run(self, serve, *arguments):
-        """Run a service until the test ends, or until the stop event that is returned is set."""
-        return self._opened.enter_context(running(serve, *arguments))
-
-    def close(self):
-        self._opened.close()
 
 
 def posterior(observer="cam1", seq=0, scene="dojo", **fields):

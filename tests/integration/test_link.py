@@ -9,12 +9,12 @@ import threading
 import time
 
 import pytest
-from mesh_stage import Mesh
 from processes import SOON_S, until
 
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
+from labanmesh_testing.mesh import Mesh
 
 FREE = MeshConfig(endpoint="tcp/127.0.0.1:0")
 

@@ -9,7 +9,7 @@ import urllib.request
 from itertools import count
 
 import pytest
-from mesh_stage import NAMED, FakePipeline, Mesh, believed, running
+from mesh_stage import NAMED, FakePipeline, believed
 from processes import SOON_S, until
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as plain
@@ -22,6 +22,7 @@ from hub import healthcheck as hub_healthcheck
 from hub.healthcheck import healthcheck
 from hub.instrumentation import instrumented
 from hub.session import listen
+from labanmesh_testing.mesh import Mesh, running
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from queue import Queue
 
 import pytest
-from mesh_stage import NAMED, FakePipeline, Mesh, believed, running
+from mesh_stage import NAMED, FakePipeline, believed
 from processes import SOON_S, labanmesh
 
 from common.config import MeshConfig, read_scene
@@ -16,6 +16,7 @@ from common.errors import BadInput
 from common.messages import StatusMessage
 from common.wire import encode
 from fusion.server import serve as serve_fusion
+from labanmesh_testing.mesh import Mesh, running
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from mesh_stage import FakePipeline, believed, first, lay_out, running
+from mesh_stage import FakePipeline, believed, first, lay_out
 from processes import SOON_S, until
 
 from common.config import MeshConfig, read_scene
@@ -26,6 +26,7 @@ from deploy.security.issuing import create_authority
 from deploy.security.register import Register, Roles
 from deploy.security.router_config import router_config
 from fusion.server import serve as serve_fusion
+from labanmesh_testing.mesh import running
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 

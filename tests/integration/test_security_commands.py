@@ -9,7 +9,6 @@ import threading
 from functools import partial
 
 import pytest
-from mesh_stage import running
 from processes import SOON_S, labanmesh, until
 
 from benchmarks.timing import free_port
@@ -18,6 +17,7 @@ from common.errors import LabanmeshError
 from common.link import Link
 from deploy.security.routing import plain_rules, route, rules_in_file, rules_of_scenes
 from labanmesh import main
+from labanmesh_testing.mesh import running
 
 OBSERVERS = "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in ("sofa", "shelf"))
 

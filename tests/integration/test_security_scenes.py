@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
-from mesh_stage import collect, posterior, running
+from mesh_stage import collect, posterior
 from processes import labanmesh
 
 from common.config import read_scene
@@ -21,6 +21,7 @@ from deploy.doctor.mesh import listen
 from deploy.doctor.network import network_facts
 from deploy.doctor.security import check_security, security_facts
 from labanmesh import main
+from labanmesh_testing.mesh import running
 
 SCENES, SERVICES = ("dojo", "garden"), ("north", "south")
 SOON_S = 40.0

@@ -3,7 +3,6 @@
 import time
 
 import pytest
-from mesh_stage import Mesh
 from processes import SOON_S
 
 from benchmarks.crowd.crowd import NAMES, OBSERVERS, Crowd, scene_name
@@ -13,6 +12,7 @@ from common.messages import JudgementMessage
 from common.wire import decode
 from fusion.ownership import rendezvous_rank
 from fusion.server import serve
+from labanmesh_testing.mesh import Mesh
 
 SCENES = 6
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 HOUSE = Path(__file__).parents[2]
-ROOMS = ("common", "observer", "fusion", "hub", "studies", "deploy")
+ROOMS = ("common", "observer", "fusion", "hub", "studies", "deploy", "labanmesh_testing")
 
 
 class Import(NamedTuple):

@@ -1,0 +1,52 @@
+"""The wheel with each extra alone, and with those of `make install`: every verb works, or names the extra it lacks.
+
+Not part of `make test`: it fetches packages. `make test-install`; `-k plain` for one environment.
+"""
+
+import re
+import shutil
+
+import pytest
+from install_stage import ENVIRONMENTS, INCLUDES, JOBS, Environment, build_wheel, write_material
+
+from labanmesh import VERBS
+
+
+@pytest.fixture(scope="session")
+def wheel(tmp_path_factory):
+    return build_wheel(tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="session")
+def material(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("material")
+    write_material(folder)
+    return folder
+
+
+@pytest.fixture(scope="session", params=ENVIRONMENTS, ids=lambda extras: extras or "plain")
+def environment(request, tmp_path_factory, wheel):
+    environment = Environment(tmp_path_factory.getbasetemp(), wheel, request.param)
+    environment.name = request.param
+    yield environment
+    environment.remove()
+
+
+def test_every_verb_has_a_job():
+    assert {job.words.split()[0] for job in JOBS} == VERBS.keys()
+
+
+@pytest.mark.parametrize("job", JOBS, ids=lambda job: job.name)
+def test_a_verb_works_or_names_its_extra(environment, job, material, tmp_path, cell):
+    shutil.copytree(material, tmp_path, dirs_exist_ok=True)
+    has_all = not job.needs or job.needs in environment.extras
+    cell(environment.name, job.name, "FAILS")
+    status, out, err = environment.run(["labanmesh", *job.words.split()], tmp_path, job.line if job.ended else "")
+    assert "Traceback" not in out + err and "ModuleNotFoundError" not in out + err, out + err
+    if has_all:
+        assert status == job.status and job.line in out + err, (status, out, err)
+    else:
+        assert status in (1, 2) and err.count("\n") == 1, (status, out, err)
+        named = "|".join({job.needs, *INCLUDES.get(job.needs, ())} - environment.extras)
+        assert re.search(rf"pip install 'labanmesh\[({named})\]'", err), err
+    cell(environment.name, job.name, "works" if has_all else job.needs)
