@@ -36,7 +36,7 @@ test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, 
 	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP --timeout 900 tests/mediapipe tests/contracts/test_trackers.py
 
 test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers at once
-	@tests/browser/install_chromium.sh
+	@tests/browser/install_chromium.sh $(VENV)
 	@$(BIN)/pytest -q -n0 -rP tests/browser
 
 guide-pictures: $(VENV)/.ready   ## the pictures of docs/guide, made anew with the demo's performer: the only pictures in git

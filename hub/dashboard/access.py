@@ -51,7 +51,9 @@ HEADERS = {
     "cache-control": "no-cache",
 }
 MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter", "/teach", "/teach.js", "/teach.css"})
+OPEN_PATHS = frozenset(
+    {"/style.css", "/icon.svg", "/elements.js", "/words.js", "/enter", "/teach", "/teach.js", "/teach.css"}
+)
 """What the token form needs, and the Teach page, which shows nothing without the token."""
 TEACH_PATHS = "/teach/"
 """The requests of the Teach page, which have a check of their own (teach_routes.py)."""

@@ -37,7 +37,8 @@ PING_S = 10
 FORM_LIMIT = 2048
 MAX_AT_S = 1e9
 MAX_SPEED = 64.0
-STATIC = {"/": "page.html", "/style.css": "style.css", "/page.js": "page.js", "/icon.svg": "icon.svg"}
+SCRIPTS = ("page.js", "verdicts.js", "judges.js", "charts.js", "words.js", "elements.js")
+STATIC = {"/": "page.html", **{f"/{name}": name for name in ("style.css", "icon.svg", *SCRIPTS)}}
 NO_PICTURE: Mapping[PictureState, tuple[int, str]] = {
     "none yet": (204, ""),
     "switched off": (404, "No pictures of this judge: set picture_hz in its section of the scene file.\n"),

@@ -1,6 +1,7 @@
 """The verb `labanmesh dashboard`: a scene, or a capture of one, as a page in the browser."""
 
 import secrets
+import shlex
 import time
 import tomllib
 from collections.abc import Iterator
@@ -90,7 +91,7 @@ def _serve(run: DashboardRun) -> None:
     scene, address = run.scene, run.address
     with bound_socket(address) as port, stop_on_signals() as stop, Notifier.from_environment() as supervisor:
         own = Address(address.host, port.getsockname()[1])
-        setup, serving = _setup(scene, run.timeline, run.access.teaches), ServingRun(stop, run.for_s, supervisor.alive)
+        setup, serving = _setup(run), ServingRun(stop, run.for_s, supervisor.alive)
         if run.timeline is not None:
             print(f"http://{own.reachable}/ shows a capture of scene {scene.scene}", flush=True)
             serve_capture(port, run.access, setup, run.timeline, serving)
@@ -161,16 +162,19 @@ def _token(address: Address, path: Path | None) -> str | None:
         raise BadInput(f"{where}: {str(reason).lower()}; make it: openssl rand -hex 16 > {path}") from None
 
 
-def _setup(scene: "Scene", timeline: "CaptureTimeline | None", teaches: bool) -> "PageSetup":
+def _setup(run: DashboardRun) -> "PageSetup":
     from hub.dashboard.page_data import PageSetup
 
+    scene, timeline = run.scene, run.timeline
     views = {name: observer.view for name, observer in scene.observers.items()}
     azimuths = {name: _azimuth(scene, view) for name, view in views.items()}
     span_s, began_ns = (None, 0) if timeline is None else (timeline.span_s, timeline.began_ns)
     pictures = {name: each.picture_hz for name, each in scene.observers.items() if each.picture_hz and not timeline}
+    file = "" if run.file is None else shlex.quote(str(run.file))
     return PageSetup(
-        scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures, teaches
-    )
+        scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures,
+        run.access.teaches, file, scene.fusion.threshold,
+    )  # fmt: skip
 
 
 def _azimuth(scene: "Scene", view: str) -> float | None:

@@ -36,6 +36,7 @@ class PageSetup:
     """What does not change while the page is open. span_s: the length of the capture; None: the scene is live.
 
     pictures: the observers whose live pictures are switched on, and how many a second. teaches: there is a Teach page.
+    file: the scene file, as it is written in a command; "" of a capture. sure: the probability that a verdict needs.
     """
 
     scene: str
@@ -45,6 +46,8 @@ class PageSetup:
     began_ns: int = 0
     pictures: Mapping[str, float] = field(default_factory=dict)
     teaches: bool = False
+    file: str = ""
+    sure: float = 0.6
 
 
 def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
@@ -56,6 +59,8 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         "began": setup.began_ns // NS_PER_MS,
         "pictures": dict(setup.pictures),
         "teaches": setup.teaches,
+        "file": setup.file,
+        "sure": setup.sure,
         "positions": {
             name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
             for name, each in setup.positions.items()
@@ -87,7 +92,7 @@ def state_data(history: "SceneHistory") -> Json:
         "why": None if judgement is None or not judgement.why else _text(judgement.why, SENTENCE_LIMIT),
         "fused": _ranked(state.fused[:FUSED_SHOWN]),
         **_manner(None if state.waiting else judgement),
-        "observers": [_observer(each, each.name in history.gone, shown) for each in observers],
+        "observers": [_observer(each, history, shown) for each in observers],
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,
         "same_ids": in_words(state.same_ids),
@@ -130,7 +135,7 @@ def _manner(judgement: JudgementMessage | None) -> Json:
     }
 
 
-def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
+def _observer(observer: ObserverState, history: "SceneHistory", labels: int) -> Json:
     return {
         "name": _text(observer.name),
         "label": None if observer.label is None else _text(observer.label),
@@ -141,7 +146,8 @@ def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
         "state": observer.state,
         "heard": observer.is_heard,
         "agrees": observer.agrees,
-        "gone": gone,
+        "gone": observer.name in history.gone,
+        "present": observer.name in history.present,
         "health": None if observer.status is None else _health(observer.status),
         "skew": rounded(observer.skew_s, 2),
         "rejected": observer.rejected,

@@ -125,7 +125,7 @@ def serve_scene(
     async def main() -> None:
         pictures = PictureRelay(scene.keys, setup.pictures, link, has_right(scene, "pictures"))
         stream = LiveStream(setup, first_history(scene), run.alive)
-        with _teach_page(access, scene, link) as (teach, note):
+        with _teach_page(access, scene, link, setup.file) as (teach, note):
             faults: list[BaseException] = []
 
             def record(update: SceneUpdate) -> None:
@@ -161,16 +161,16 @@ def _end(stream: LiveStream, teach: TeachPage) -> None:
 
 @contextmanager
 def _teach_page(
-    access: AccessControl, scene: "Scene", link: "Link"
+    access: AccessControl, scene: "Scene", link: "Link", file: str = "SCENE"
 ) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
     """The Teach page, and what must be called with every update."""
     if not access.teaches or not has_right(scene, "teach"):
-        yield TeachPage(access, off=NO_RIGHT if access.teaches else OFF), lambda update: None
+        yield TeachPage(access, off=NO_RIGHT if access.teaches else OFF.replace("SCENE", file)), lambda update: None
         return
     hubs = link.presence(scene.keys.hub_alive("mqtt"))
     lesson_server = LessonServer(scene, link)
     try:
-        yield TeachPage(access, lesson_server, scene=scene, hubs=lambda: hubs.alive), lesson_server.note
+        yield TeachPage(access, lesson_server, scene=scene, hubs=lambda: hubs.alive, file=file), lesson_server.note
     finally:
         lesson_server.close()
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from common.errors import BadInput
+from common.message_types import LAST_INTEGER
 from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply, Unwanted, require_person
 from common.text import nearest
@@ -23,6 +24,8 @@ LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
 NAME_MOST, NS_PER_MS = 64, 1_000_000
 MISSED_MOST, AGO_S = 10, (0.0, 3600.0)
 NEWS_SHOWN = 4
+TAKE_DIGITS = len(str(LAST_INTEGER)) - 1
+"""With so many digits every number fits into a message."""
 TAKE_STEPS = ("ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt")
 MEMORY_STEPS = ("look", "examples")
 ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "begin", "repeat", "drop", "more", "skip", "pause")}
@@ -55,6 +58,11 @@ def lesson_server_data(lesson_server: "LessonServer") -> Json:
 def tracks_data(tracks: ShownTracks) -> Json:
     """A few frames of tracks: names of the parts, their points, seconds, and the square that they lie in."""
     return tracks.model_dump()
+
+
+def take_number(text: str) -> int | None:
+    """The number of a take in an address; None for what no take can have."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) <= TAKE_DIGITS else None
 
 
 def plan_of(fields: Mapping[str, Any], known: list[str], teacher: str) -> LessonPlan:

@@ -20,6 +20,7 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from common.errors import BadInput
+from common.vocabulary import LABEL
 from hub.dashboard.access import (
     COOKIE,
     COOKIE_S,
@@ -32,7 +33,15 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_data, plan_of, tracks_data, unwanted_of
+from hub.dashboard.teach_data import (
+    action_of,
+    corrections_of,
+    lesson_server_data,
+    plan_of,
+    take_number,
+    tracks_data,
+    unwanted_of,
+)
 from hub.home_assistant import home_assistant_advice
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
@@ -55,7 +64,7 @@ Handle = Callable[[Request], Awaitable[Response]]
 class TeachPage:
     """The routes of the page. lesson_server: None where nothing can be taught, `off` says why.
 
-    hubs: the keys of liveliness tokens of MQTT hubs.
+    hubs: the keys of liveliness tokens of MQTT hubs. file: the scene file, as it is written in a command.
     """
 
     def __init__(
@@ -65,9 +74,10 @@ class TeachPage:
         off: str = OFF,
         scene: "Scene | None" = None,
         hubs: "Callable[[], Collection[str]]" = tuple,
+        file: str = "",
     ) -> None:
         self._access, self._lesson_server, self._off, self._scene, self._hubs = access, lesson_server, off, scene, hubs
-        self._ended = False
+        self._ended, self._file = False, file
 
     @property
     def routes(self) -> list[Route]:
@@ -86,7 +96,7 @@ class TeachPage:
             Route("/teach/state", self._admitted(self._state)),
             Route("/teach/home", self._admitted(self._home)),
             Route("/teach/now/{observer}", self._admitted(self._now)),
-            Route("/teach/take/{observer}/{label}/{number:int}", self._admitted(self._take)),
+            Route("/teach/take/{observer}/{label}/{number}", self._admitted(self._take)),
         ]
         return routes
 
@@ -145,7 +155,7 @@ class TeachPage:
         lesson_server.looked()
         while str(lesson_server.version) == after and loop.time() < end_s and not self._ended:
             await asyncio.sleep(CHECK_S)
-        return _answer(lesson_server_data(lesson_server))
+        return _answer({**lesson_server_data(lesson_server), "file": self._file})
 
     async def _home(self, request: Request) -> Response:
         if self._scene is None:
@@ -159,7 +169,10 @@ class TeachPage:
 
     async def _take(self, request: Request) -> Response:
         names = request.path_params
-        tracks = await run_in_threadpool(self._required.take, names["observer"], names["label"], names["number"])
+        number = take_number(names["number"])
+        if number is None or not LABEL.match(names["label"]):
+            return PlainTextResponse("There is no such take.\n", 404)
+        tracks = await run_in_threadpool(self._required.take, names["observer"], names["label"], number)
         return Response(status_code=204) if tracks is None else _answer(tracks_data(tracks))
 
     def _start(self, fields: dict[str, Any]) -> None:

@@ -48,6 +48,14 @@ def performances():
     }
 
 
+def teach_address(lines):
+    """The address and the token that a dashboard with a Teach page prints."""
+    for line in lines:
+        if match := re.match(r"teach at (http://\S+)/teach#(\S+)", line):
+            return match[1], match[2]
+    raise AssertionError("the dashboard has ended")
+
+
 class Performer:
     """Publishes the tracks of both cameras fifteen times a second; a context manager. away: cameras that see nobody."""
 
@@ -126,11 +134,7 @@ class TaughtScene:
 
     def start_dashboard(self):
         self.dashboard = self._start("dashboard", self.file, "--teach", "--listen", f"127.0.0.1:{self.port}")
-        for line in self.dashboard.stdout:
-            if match := re.match(r"teach at (http://\S+)/teach#(\S+)", line):
-                self.url, self.token = match[1], match[2]
-                return
-        raise AssertionError("the dashboard has ended")
+        self.url, self.token = teach_address(self.dashboard.stdout)
 
     def state(self):
         """How the lesson stands, as a second phone sees it."""

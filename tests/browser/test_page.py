@@ -29,6 +29,7 @@ with Link.open(MeshConfig(endpoint=sys.argv[1]), "observer") as link:
     print("here", flush=True)
     sys.stdin.read()
 """
+TOLD = "text => document.querySelector('#agreed').textContent === text"
 LIMIT_MS, GONE_S = 300, 2.0
 
 
@@ -67,16 +68,17 @@ def test_a_killed_observer_is_shown_within_two_seconds(play, look, observer):
     scene, dashboard = play()
     process = observer(scene.endpoint)
     page = look(dashboard.url)
-    page.wait_for_function(SAYS, arg=["cam2", "agrees"])
+    page.wait_for_function(SAYS, arg=["cam2", "nthrow, sure"])
     killed_s = time.monotonic()
     process.send_signal(signal.SIGKILL)
-    page.wait_for_function(SAYS, arg=["cam2", "gone"])
+    page.wait_for_function(SAYS, arg=["cam2", "does not run"])
     took_s = time.monotonic() - killed_s
     print(f"s until the corner of a killed observer says so: {took_s:.2f}")
     assert took_s < GONE_S
     page.wait_for_selector("g.flag[data-stance=silent]", state="attached")
+    assert "cam2 does not run" in page.inner_text("#advice") and "scene.toml cam2" in page.inner_text("#advice code")
     observer(scene.endpoint)
-    page.wait_for_function(SAYS, arg=["cam2", "agrees"])
+    page.wait_for_function(SAYS, arg=["cam2", "nthrow, sure"])
 
 
 def test_without_observers_the_page_waits_for_them(play, look):
@@ -87,7 +89,10 @@ def test_without_observers_the_page_waits_for_them(play, look):
     page.wait_for_selector("#link[data-kind=unobserved]")
     assert page.inner_text("#link") == "waiting for observers" == page.inner_text("#phase")
     assert page.locator("#fused li").count() == 0 and page.inner_text("#agreement") == "-"
-    assert page.inner_text("#undecided").startswith("No judge is heard. Do they run?"), "and what to do"
+    assert page.inner_text("#advice p").startswith("No judge is heard."), "and what to do"
+    assert page.inner_text("#advice code").startswith("labanmesh up ")
+    page.get_by_role("button", name="Copy labanmesh up").click()
+    page.get_by_role("button", name="Copy labanmesh up").get_by_text("Copied").wait_for()
     page.get_by_text("What the words and figures mean").click()
     assert page.get_by_role("definition").filter(has_text="0 bit is none").is_visible()
 
@@ -96,15 +101,27 @@ def test_why_opens_by_the_keyboard_and_stays_open(play, look):
     scene, dashboard = play()
     page = look(dashboard.url)
     scene.publish(1)
-    button = page.get_by_role("button", name="Why nthrow")
+    button = page.get_by_role("button", name="Why? nthrow")
     button.focus()
     page.keyboard.press("Enter")
     reasons = page.locator("tr.why")
     assert "3 of 4 judges held nthrow" in reasons.inner_text() and "cam1 held ok" in reasons.inner_text()
     scene.publish(1, ended=True)
-    page.wait_for_selector("#referee[data-kind=ended]")
+    page.wait_for_selector("#last[data-kind=ended]")
     assert reasons.is_visible() and button.get_attribute("aria-expanded") == "true"
     assert page.evaluate("document.activeElement.textContent") == "Why?", "the focus stays where it was"
+
+
+def test_the_agreement_of_the_decision_and_of_now_are_told_apart(play, look):
+    scene, dashboard = play()
+    page = look(dashboard.url)
+    scene.publish(1)
+    page.wait_for_selector("#last[data-kind=open]")
+    assert page.inner_text("#seen") == "Seen by cam2, cam3 and cam4"
+    scene.silent = frozenset(("cam2", "cam3"))
+    page.wait_for_function(TOLD, arg="3 of 4 agreed when it was decided; now 1 of 2 say nthrow")
+    page.get_by_role("button", name="Wrong?").click()
+    assert page.inner_text("tr.why code").endswith("scene.toml --teach"), "how it can be corrected"
 
 
 @pytest.mark.parametrize("width", [1280, 360])
@@ -127,10 +144,10 @@ def test_a_silence_says_why_and_a_revision_is_a_correction_of_one_movement(play,
     for ended in (False, True):
         if ended:
             scene.publish(1, ended=True, revises="ok")
-            page.wait_for_selector("#referee[data-kind=ended]")
-        assert "corrected from ok" in page.inner_text("#verdict-facts")
+            page.wait_for_selector("#last[data-kind=ended]")
+        assert page.inner_text("#corrected") == "corrected from ok"
         assert page.locator("#verdicts tr.entry .label").all_inner_texts() == ["ok → nthrow"], "one movement"
-    page.get_by_role("button", name="Why nthrow").click()
+    page.get_by_role("button", name="Why? nthrow").click()
     assert "It is a correction: before, the referee said ok." in page.locator("tr.why").inner_text()
 
 
@@ -150,7 +167,7 @@ def test_facets_and_contributions_are_shown(play, look, width):
     assert page.inner_text("#facing") == "40° left" and page.get_attribute("#needle", "transform") == "rotate(-40)"
     assert page.inner_text("#fused li:first-child").split() == ["something", "else", "60%"]
     scene.publish(1)
-    page.get_by_role("button", name="Why nthrow").click()
+    page.get_by_role("button", name="Why? nthrow").click()
     reasons = page.locator("tr.why").inner_text()
     assert "Without cam1 another answer would have been the likeliest." in reasons and "sudden 90%" in reasons
     gave = page.locator(".votes td.gave").all_inner_texts()
@@ -225,3 +242,6 @@ def test_a_capture_is_played_paused_and_sought(capture, show, look):
     page.get_by_role("button", name="Play").click()
     page.wait_for_function("() => document.querySelector('#play').textContent === 'Play'")
     assert page.locator("#verdicts tr.entry").count() == 2, "played to its end"
+    bar, main = page.locator("#replay").bounding_box(), page.locator("main").bounding_box()
+    assert main["y"] + main["height"] <= bar["y"] and bar["y"] + bar["height"] <= 900, "the bar covers nothing"
+    assert page.get_by_role("button", name="Wrong?").count() == 0, "nothing is learned from a capture"

@@ -77,6 +77,8 @@ def observer(play, film, tmp_path):
 def test_a_picture_appears_only_when_it_is_switched_on(observer, look, tmp_path):
     page = look(observer.url)
     page.wait_for_selector(".observer")
+    for summary in page.locator(".observer summary").all():
+        summary.click()
     requests, sizes, arrived_s = [], [], []
 
     def note(response):
@@ -110,6 +112,7 @@ def test_a_picture_appears_only_when_it_is_switched_on(observer, look, tmp_path)
 def test_an_observer_that_sends_nothing_is_said_to(play, look):
     _, dashboard = play(pictures='source = "0"\npicture_hz = 2\n')
     page = look(dashboard.url, width=360)
+    page.locator(".observer summary", has_text="cam1").click()
     page.get_by_role("button", name="Show picture of cam1").click()
     page.wait_for_function(
         "() => [...document.querySelectorAll('.sight-box p')].some(p => p.textContent.includes('no picture yet'))",

@@ -1,8 +1,8 @@
-"use strict";
 /* The Teach page. The lesson lives in the server: this page shows its state and presses, so that it can be reloaded,
    sleep, or be open on two phones. All words of others are text, never markup. */
-const $ = (id) => document.getElementById(id);
-const SVG = "http://www.w3.org/2000/svg";
+import { $, button, draw, make, part, put, showAdvice, store, stored } from "./elements.js";
+import { count, words } from "./words.js";
+
 const VIEW_MS = 300, AGAIN_MS = 1000, UNITS = 1000;
 const AFTER = ["kept", "failed", "between"], TAKING = ["waiting", "countdown", "now", ...AFTER];
 const IDEAS = ["wave", "point", "clap", "circle", "stop"];
@@ -13,38 +13,8 @@ const BONES = [["head", "neck"], ["neck", "pelvis"], ...["left", "right"].flatMa
 let key = stored("teach-key"), state = null, chosen = [], wanted = null, sound = null, heard = "";
 
 /* Small helpers. */
-function stored(name) { try { return localStorage.getItem(name) || ""; } catch { return ""; } }
-function store(name, value) { try { if (value) localStorage.setItem(name, value); else localStorage.removeItem(name); } catch { /* a browser without storage */ } }
-function make(tag, name = "", ...content) {
-  const node = document.createElement(tag);
-  if (name) node.className = name;
-  node.append(...content);
-  return node;
-}
-function draw(tag, attributes, ...content) {
-  const node = document.createElementNS(SVG, tag);
-  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
-  node.append(...content);
-  return node;
-}
-function button(text, act, name = "") {
-  const node = make("button", name, text);
-  node.type = "button";
-  node.addEventListener("click", act);
-  return node;
-}
-function put(node, text) { if (node.textContent !== text) node.textContent = text; }
-/* Builds the content of a node anew only if `value` has changed, so that nothing moves under a finger. */
-function part(node, value, build) {
-  const text = JSON.stringify(value);
-  if (node.dataset.built === text) return;
-  node.dataset.built = text;
-  node.replaceChildren(...build());
-}
 const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
-const words = (label) => label.replaceAll("_", " ");
 const listed = (labels) => labels.map(words).join(", ");
-const count = (number, word) => `${number} ${word}${number === 1 ? "" : "s"}`;
 function minutes(seconds) {
   const whole = Math.max(0, Math.round(seconds));
   return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")} min`;
@@ -96,7 +66,8 @@ async function watch() {
       const answer = await request(`teach/state?after=${state ? state.version : ""}`, undefined, key, mine.signal);
       if (!answer.ok) throw new Error(answer.status);
       state = await answer.json();
-      link("live", state.scene);
+      put($("scene"), state.scene);
+      link(...(runs() ? ["live", "live"] : ["waiting", "no camera"]));
       show();
     } catch {
       if (watching !== mine) return;
@@ -108,9 +79,10 @@ async function watch() {
 }
 function link(kind, text) {
   $("link").dataset.kind = kind;
-  put($("link"), kind === "live" ? "live" : text);
-  if (kind === "live") put($("scene"), text);
+  put($("link"), text);
 }
+/* Whether a camera can be taught: its observer runs and answers. */
+const runs = () => state.observers.some((each) => each.state !== undefined);
 document.addEventListener("visibilitychange", () => {
   if (!document.hidden) { watch(); return; }
   if (watching) watching.abort();
@@ -123,7 +95,10 @@ function show() {
   const step = lesson && lesson.step, setup = Boolean(state && key && !lesson) && !off;
   $("off").hidden = !off;
   $("door").hidden = off || Boolean(key);
-  $("setup").hidden = !setup;
+  const idle = setup && !runs();
+  showAdvice($("idle"), !idle ? null : state.observers.some((each) => each.line !== "does not run")
+    ? ["Cameras run, and none can be taught from here. Ask why:", `labanmesh doctor ${state.file}`] : ["No camera runs now, so nothing can be taught. Start them, and this page goes on by itself:", `labanmesh up ${state.file}`]);
+  $("setup").hidden = !setup || idle;
   $("lesson").hidden = !lesson;
   $("course").hidden = !lesson || lesson.purpose !== "lesson";
   $("main").dataset.screen = lesson ? "lesson" : "setup";
@@ -471,17 +446,21 @@ function signal(lesson, step) {
 
 /* What it said in the last minutes, or missed, which can be corrected. */
 const MOMENTS = [["just now", 4], ["half a minute ago", 30], ["a minute ago", 60], ["two minutes ago", 120]], ELSE = "?";
-let wrong = new Map(), opened = "", missed = [], pressed = 0, moment = 0;
+let wrong = new Map(), missed = [], pressed = 0, moment = 0;
+/* The verdict that is open: at first the one whose "Wrong?" led here from the page that watches. */
+let opened = new URLSearchParams(location.search).get("wrong") || "", led = Boolean(opened);
 function showCorrections(possible) {
   const said = possible ? state.said.filter((each) => each.ended) : [], count_ = () => wrong.size + missed.length;
   $("corrections").hidden = !possible || !state.remembers || state.known.length === 0;
   wrong = new Map([...wrong].filter(([id]) => said.some((each) => each.id === id)));
   part($("said"), [said, state.known, [...wrong], opened, missed], () => [...missed.map(missedLine), ...said.map(verdictLine)]);
-  put($("said-what"), said.length ? "These are the verdicts of the last minutes. Say what it really was, and the cameras learn from it." : "It has recognised nothing in the last minutes.");
+  const lost = opened && !state.said.some((each) => each.id === opened);
+  put($("said-what"), lost ? "That verdict can no longer be corrected: the cameras remember only the last minutes." : said.length ? "These are the verdicts of the last minutes. Say what it really was, and the cameras learn from it." : "It has recognised nothing in the last minutes.");
   part($("missing"), [state.known, pressed, moment], missing);
   showPersons(count_() > 0);
   $("learn-again").hidden = count_() === 0;
   put($("learn-again"), `Learn from ${count(count_(), "correction")}`);
+  if (led && !$("corrections").hidden) { led = false; $("corrections").scrollIntoView(); }
 }
 function saidLine(ms, text, right) {
   return make("p", "", make("span", "quiet", `${clock(ms)} `), make("b", "", text), ...(right === undefined ? [] : [` → ${right ? words(right) : "nothing"}`]));

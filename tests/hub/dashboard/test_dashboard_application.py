@@ -16,7 +16,7 @@ from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from common.wire import encode
 from hub.dashboard.access import COOKIE, AccessControl, checked_token, is_loopback
-from hub.dashboard.application import application
+from hub.dashboard.application import STATIC, application
 from hub.dashboard.commands import dashboard
 from hub.dashboard.serving import bound_socket
 
@@ -71,7 +71,7 @@ def ask(*requests, access=None, full=False, host="127.0.0.1"):
 
 
 def test_the_page_loads_nothing_from_elsewhere():
-    for answer in ask(("GET", "/", {}), ("GET", "/page.js", {}), ("GET", "/style.css", {}), ("GET", "/icon.svg", {})):
+    for answer in ask(*(("GET", path, {}) for path in STATIC)):
         assert answer.status_code == 200
         policy = answer.headers["content-security-policy"]
         assert "default-src 'none'" in policy and "unsafe" not in policy and "*" not in policy

@@ -87,7 +87,8 @@ def test_the_minute_is_thin_and_a_minute_long(make, after):
 
 def test_an_observer_whose_token_went_is_gone(make, after):
     history = after(make.judgement()).with_presence({"cam1", "cam2"}).with_presence({"cam1"})
-    assert [observer["gone"] for observer in state_data(history)["observers"]] == [False, True]
+    observers = state_data(history)["observers"]
+    assert [(each["gone"], each["present"]) for each in observers] == [(False, True), (True, False)]
     assert history.with_presence({"cam1"}) is history
 
 

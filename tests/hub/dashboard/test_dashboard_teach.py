@@ -118,6 +118,9 @@ def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesso
     assert (again.status_code, again.text) == (409, "a lesson is going on\n")
     assert now.json()["points"] == [0, 1000] and now.headers["cache-control"] == "no-store"
     assert unknown.status_code == 409 and unknown.text == "observer 'attic' is unknown; known: cam1, cam2\n"
+    takes = (f"take/cam1/wave/{'9' * 32}", f"take/cam1/wave/{'9' * 5000}", "take/cam1/wave/-1", "take/cam1/a b/1")
+    answers = ask(lesson_server, *(("GET", f"/teach/{path}", {"headers": BEARER}) for path in takes))
+    assert {(each.status_code, each.text) for each in answers} == {(404, "There is no such take.\n")}
     assert missing.status_code == 204 and not home.json()["connected"] and home.json()["steps"]
 
 
