@@ -20,8 +20,10 @@ ROOT = Path(__file__).parents[2]
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
 CAMERAS = re.search(r"\(CAMERAS\) '\.\[([\w,]+)\]'", MAKEFILE)[1]
 """The extras of `make install`."""
+ARM = "observer,mqtt,dashboard"
+"""Those of the Home Assistant app where mediapipe has no wheel."""
 INCLUDES = {"mediapipe": {"observer"}, "all": {"observer", "report", "capture", "mqtt", "dashboard"}}
-ENVIRONMENTS = ("", "observer", "report", "capture", "mqtt", "dashboard", "testing", "all", "mediapipe", CAMERAS)
+ENVIRONMENTS = ("", "observer", "report", "capture", "mqtt", "dashboard", "testing", "all", ARM, "mediapipe", CAMERAS)
 """Extras that are installed together; mediapipe, a gigabyte, last."""
 LIMIT_S = 240.0
 """For one job, on a machine that is busy with others."""
@@ -84,6 +86,11 @@ JOBS = (
     Job("evaluate pixels", "evaluate known.npz --views yaw:30 --through pixels", "observer", line="from pixels"),
     Job("effort", "effort effort.npz --views door", line="accuracy"),
 )
+
+
+def extras_of(extras):
+    """The names in `extras`, which commas separate, with all that they include."""
+    return {name for extra in extras.split(",") for name in {extra, *INCLUDES.get(extra, ())}} - {""}
 
 
 def write_material(folder):
@@ -162,7 +169,7 @@ class Environment:
     """A new environment with the wheel and `extras`, in which `run` does jobs."""
 
     def __init__(self, folder, wheel, extras):
-        self.extras = {name for extra in extras.split(",") for name in {extra, *INCLUDES.get(extra, ())}} - {""}
+        self.extras = extras_of(extras)
         self.place = folder / f"env-{extras.replace(',', '-') or 'plain'}"
         subprocess.run([sys.executable, "-m", "venv", "--without-pip", self.place], check=True)
         python = self.place / "bin" / "python"

@@ -7,6 +7,7 @@ import re
 import shutil
 
 import pytest
+from doc_pages import DOCS, blocks
 from install_stage import ENVIRONMENTS, INCLUDES, JOBS, Environment, build_wheel, write_material
 
 from labanmesh import VERBS
@@ -50,3 +51,12 @@ def test_a_verb_works_or_names_its_extra(environment, job, material, tmp_path, c
         named = "|".join({job.needs, *INCLUDES.get(job.needs, ())} - environment.extras)
         assert re.search(rf"pip install 'labanmesh\[({named})\]'", err), err
     cell(environment.name, job.name, "works" if has_all else job.needs)
+
+
+def test_a_project_elsewhere_tests_with_the_plugin(environment, tmp_path):
+    if "testing" not in environment.extras:
+        pytest.skip("only with the extra testing")
+    (tmp_path / "test_lamp.py").write_text(blocks(DOCS / "guide" / "testing.md", "python")[0])
+    status, out, err = environment.run(["pytest", "-q", "-p", "no:cacheprovider", "--durations=3"], tmp_path)
+    assert status == 0, out + err
+    print(out)
