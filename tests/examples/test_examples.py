@@ -8,16 +8,14 @@ import subprocess
 import sys
 import threading
 import time
-from itertools import count
 from pathlib import Path
 
 import pytest
-from mesh_stage import posterior
 
 from common.config import read_scene
-from common.messages import VocabularyReference
 from fusion.server import serve
 from labanmesh_testing.mesh import Mesh
+from labanmesh_testing.stub_observer import StubObserver
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = ("subscriber.py", "robot.py", "observer.py")
@@ -35,27 +33,17 @@ source = "brings its own sensor"
 """
 
 
-class Stage:
-    """A fusion service on the mesh, and an observer played by the test."""
-
-    def __init__(self, scene, mesh):
-        self.keys, self.fusion, self.link = scene.keys, mesh.meeting, mesh.peer("observer")
-        self.publisher = self.link.publisher(scene.keys.posterior("ear"))
-        self.vocabulary = VocabularyReference(name="n", hash=scene.named_vocabulary.digest)
-        self.numbers = count(1)
-
-    def publish(self, p, rest=0.02):
-        """One posterior of the scene's observer, as of now."""
-        self.publisher.put(posterior("ear", next(self.numbers), vocabulary=self.vocabulary, p=[1 - p, p], rest=rest))
+@pytest.fixture
+def scene(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    return read_scene(tmp_path / "scene.toml", {})
 
 
 @pytest.fixture
-def stage(tmp_path):
-    (tmp_path / "scene.toml").write_text(SCENE)
-    scene = read_scene(tmp_path / "scene.toml", {})
+def mesh(scene):
     mesh = Mesh(scene.mesh)
     mesh.run(serve, [scene], scene.fusion.id, mesh.meeting)
-    yield Stage(scene, mesh)
+    yield mesh
     mesh.close()
 
 
@@ -113,10 +101,10 @@ def hum(observer, level):
     return write
 
 
-def test_a_subscriber_prints_the_verdicts_on_an_observer_of_your_own(stage, started):
-    subscriber = started("subscriber.py", stage.fusion.locator)
-    assert stage.fusion.publisher(stage.keys.verdict).wait_for_subscriber(SOON_S)
-    observer = started("observer.py", stage.fusion.locator)
+def test_a_subscriber_prints_the_verdicts_on_an_observer_of_your_own(scene, mesh, started):
+    subscriber = started("subscriber.py", mesh.config.endpoint)
+    assert mesh.meeting.publisher(scene.keys.verdict).wait_for_subscriber(SOON_S)
+    observer = started("observer.py", mesh.config.endpoint)
     assert subscriber.wait_for(1, hum(observer, -20)) == ["dojo byebye 1 of 1 agree decided"]
     assert subscriber.wait_for(2, hum(observer, -60))[1] == "dojo byebye 1 of 1 agree ended"
     assert subscriber.wait_for(4, lambda: hum(observer, -3 if len(subscriber.lines) < 3 else -60)())[2:] == [
@@ -124,15 +112,17 @@ def test_a_subscriber_prints_the_verdicts_on_an_observer_of_your_own(stage, star
     ]  # fmt: skip
 
 
-def test_a_robot_acts_before_the_verdict_and_takes_a_wrong_action_back(stage, started):
-    robot = started("robot.py", stage.fusion.locator, 0.9)
-    assert stage.fusion.publisher(stage.keys.judgement).wait_for_subscriber(SOON_S)
-    verdicts = stage.link.inbox(stage.keys.verdict)
-    (early,) = robot.wait_for(1, lambda: stage.publish(0.99))
+def test_a_robot_acts_before_the_verdict_and_takes_a_wrong_action_back(scene, mesh, started):
+    robot = started("robot.py", mesh.config.endpoint, 0.9)
+    assert mesh.meeting.publisher(scene.keys.judgement).wait_for_subscriber(SOON_S)
+    link = mesh.peer("observer")
+    verdicts = link.inbox(scene.keys.verdict)
+    observer = StubObserver("ear", scene.keys, scene.named_vocabulary, link)
+    (early,) = robot.wait_for(1, lambda: observer.publish("byebye", 0.99))
     assert early.startswith("wave back (byebye 9") and early.endswith(" s after it began)")
     assert not verdicts.take(0), "it acted before the decision"
     # The observer changes its mind before the first label has held for long enough.
-    assert robot.wait_for(3, lambda: stage.publish(0.005))[1:] == [
+    assert robot.wait_for(3, lambda: observer.publish("lunging", 0.995))[1:] == [
         "stop: wave back (it was lunging, not byebye)",
         "step aside (lunging by verdict)",
     ]
@@ -140,7 +130,7 @@ def test_a_robot_acts_before_the_verdict_and_takes_a_wrong_action_back(stage, st
     deadline_s = time.monotonic() + SOON_S
     while not verdicts.take(0.03):
         assert time.monotonic() < deadline_s
-        stage.publish(0.5, rest=0.98)
+        observer.publish(None)
     assert len(robot.lines) == 3, "the end of the movement has the same label"
 
 
