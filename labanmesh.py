@@ -81,8 +81,11 @@ VERBS = {
     "effort": Verb("studies.effort", "effort", "evaluate Effort on actions that were not used to learn it"),
 }
 
-FORGET_IN_MODEL = Verb("observer.learning.commands", "forget", "remove movements from a model without learning again")
-"""The other form of `forget`, which names a model file and --labels."""
+OTHER_FORMS = {
+    ("forget", "--labels"): Verb("observer.learning.commands", "forget", "remove movements from a model"),
+    ("teach", "--film"): Verb("observer.teaching.commands", "teach_from_films", "teach an observer from films"),
+}
+"""Verbs that an option turns into another command."""
 
 EXTRAS = {
     "cv2": "observer",
@@ -246,14 +249,11 @@ def _unknown(verb: str) -> "BadInput":
 
 
 def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
-    """The command line of a verb: its function, or the Typer application of a verb with sub-verbs.
-
-    words: what was typed after it; it decides between the two forms of `forget`.
-    """
+    """The command line of a verb, followed by `words`: its function, or the Typer application of its sub-verbs."""
     import typer
 
-    in_model = verb == "forget" and any(word.partition("=")[0] == "--labels" for word in words)
-    loaded = (FORGET_IN_MODEL if in_model else VERBS[verb]).load()
+    forms = [OTHER_FORMS[key] for word in words if (key := (verb, word.partition("=")[0])) in OTHER_FORMS]
+    loaded = [*forms, VERBS[verb]][0].load()
     if isinstance(loaded, typer.Typer):
         return loaded
     # Without markup Typer breaks help between words and cuts no option short.

@@ -139,7 +139,7 @@ def _scene_file(performance: Performance, pixels: bool) -> str:
         f'vocabulary_name = "{performance.vocabulary.name}"',
         "",
         "[mesh]",
-        f'endpoint = "tcp/127.0.0.1:{_free_port()}"',
+        f'endpoint = "tcp/127.0.0.1:{free_port()}"',
         "",
         "[fusion]",
         # Two of four cameras see the performer from behind: the two that see the hands must be able to decide.
@@ -156,7 +156,8 @@ def _scene_file(performance: Performance, pixels: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port of this machine that nobody listens on now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port: int = probe.getsockname()[1]

@@ -21,6 +21,10 @@ LABELS = "wave point clap"
 WITHOUT_WEBCAM = (
     'its source may also be a film ("film.mp4") or a phone ("rtsp://HOST:PORT/PATH"): docs/guide/cameras.md'
 )
+REHEARSAL = (
+    "without a camera: labanmesh teach --rehearse shows a whole lesson in three minutes, acted by a synthetic performer"
+)
+SEE_IT = "See it now? [Y/n] "
 QUESTION = f"Teach them movements now? Name them, for example: {LABELS}. Enter: later\n> "
 
 
@@ -52,8 +56,12 @@ def init(
     typer.echo(f"wrote {file}; read it, then: labanmesh doctor {name}")
     if cameras:
         typer.echo(f"and teach them your movements: labanmesh teach {name} {LABELS} --up")
+    else:
+        typer.echo(REHEARSAL)
     if asks and cameras:
         _offer_lesson(file)
+    elif asks and input(SEE_IT).strip().lower() in ("", "y", "yes"):
+        _labanmesh(file, "teach", "--rehearse")
 
 
 def _found() -> list[FirstCamera]:

@@ -4,27 +4,24 @@ import secrets
 import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from common.command_options import takes_options
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
 from common.vocabulary import Vocabulary, require_teachable
 
 if TYPE_CHECKING:
     from common.config import Scene
     from common.inbox import Presence
-    from common.link import Link
-    from hub.teaching.teaching_client import TeachingClient
-    from hub.teaching.terminal import Terminal
+    from hub.teaching.lesson import LessonPlan
+    from hub.teaching.rehearsal import Rehearsal
 
-LOOK_S, PICTURES_S = 0.2, 6.0
-CAMERAS_S = 20.0
-"""So long the lesson waits for a first camera; for the others PICTURES_S."""
+NO_FILE = Path()
 
 
 class BeginOption(StrEnum):
@@ -47,15 +44,26 @@ class LearnWhen(StrEnum):
 class TeachOptions:
     """As typed on the command line."""
 
-    scene: Annotated[Path, typer.Argument(help="The scene file; its observers run, wherever they are.")]
+    scene: Annotated[
+        Path,
+        typer.Argument(
+            help="The scene file; its observers run, wherever they are. --rehearse needs none.", show_default=False
+        ),
+    ] = NO_FILE
     labels: Annotated[
         list[str] | None, typer.Argument(help="The movements: lower case letters, digits, underscores; at least two.")
     ] = None
-    takes: Annotated[int, typer.Option(min=2, max=100, help="How often each movement is recorded.")] = 5
+    takes: Annotated[
+        int | None, typer.Option(min=2, max=100, help="How often each movement is recorded; default 5.")
+    ] = None
     background_minutes: Annotated[
-        float,
-        typer.Option(min=0, max=600, help="Minutes of ordinary life, from which observers learn what is no movement."),
-    ] = 2.0
+        float | None,
+        typer.Option(
+            min=0,
+            max=600,
+            help="Minutes of ordinary life, from which observers learn what is no movement; default 2.",
+        ),
+    ] = None
     person: Annotated[
         str,
         typer.Option(help="Who performs; by default someone, and with --was the only person who was taught."),
@@ -65,12 +73,14 @@ class TeachOptions:
         float | None,
         typer.Option(min=0.5, max=600, help="Length of each take; by default until the person stands still."),
     ] = None
-    countdown: Annotated[int, typer.Option(min=0, max=10, help="Seconds before each take.")] = 3
+    countdown: Annotated[int | None, typer.Option(min=0, max=10, help="Seconds before each take; default 3.")] = None
     test: Annotated[bool, typer.Option("--test/--no-test", help="At the end do each movement once more.")] = True
     alarm_minutes: Annotated[
-        float,
-        typer.Option(min=0, max=600, help="And then so many minutes of anything else: verdicts are false alarms."),
-    ] = 0.5
+        float | None,
+        typer.Option(
+            min=0, max=600, help="And then so many minutes of anything else: verdicts are false alarms; default 0.5."
+        ),
+    ] = None
     begin: Annotated[
         BeginOption,
         typer.Option(help="What begins a movement's takes: you stand still, clap once, or press a key."),
@@ -78,6 +88,13 @@ class TeachOptions:
     beep: Annotated[bool, typer.Option("--beep/--no-beep", help="Beep while it counts down.")] = True
     up: Annotated[
         bool, typer.Option("--up", help="If nothing runs yet, run the scene here too, and show it after the lesson.")
+    ] = False
+    rehearse: Annotated[
+        bool,
+        typer.Option(
+            "--rehearse",
+            help="Without a camera and a scene file: a synthetic performer acts a shorter lesson, and what it taught.",
+        ),
     ] = False
     was: Annotated[
         list[str] | None,
@@ -107,61 +124,92 @@ def teach(options: TeachOptions) -> None:
 
     Example: labanmesh teach scene.toml nod --add --takes 8
 
+    Example: labanmesh teach --rehearse
+
     Example: labanmesh teach scene.toml --was last nothing --was 20:14:03 wave
     """
-    if options.was or options.learn is not None:
+    if options.rehearse:
+        _require_lesson(options)
+    elif options.scene == NO_FILE:
+        raise BadInput(
+            "teach: name the scene file, e.g. labanmesh teach scene.toml wave point clap; or see a lesson without a "
+            "camera: labanmesh teach --rehearse"
+        )
+    elif options.was or options.learn is not None:
         from hub.teaching.memory_commands import correct_verdicts
 
         learn_now = options.learn is not LearnWhen.LATER
         correct_verdicts(options.scene, options.was or [], options.labels or [], options.person, learn_now=learn_now)
         return
+    with ExitStack() as here:
+        rehearsal = None
+        if options.rehearse:
+            from hub.teaching.rehearsal import rehearsed
+
+            words = [str(options.scene)] if options.scene != NO_FILE else []
+            rehearsal = here.enter_context(rehearsed([*words, *(options.labels or [])]))
+            options = replace(options, scene=rehearsal.file, labels=list(rehearsal.labels), up=True)
+        _teach(options, rehearsal, here)
+
+
+def _require_lesson(options: TeachOptions) -> None:
+    if options.was or options.learn is not None:
+        raise BadInput("--rehearse: is a lesson; correct verdicts of a scene that runs, without --rehearse")
+
+
+def _teach(options: TeachOptions, rehearsal: "Rehearsal | None", here: ExitStack) -> None:
+    """The lesson, and what is shown after it; whatever is started for it ends with `here`."""
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from common.link import Link
-    from hub.teaching.teaching_client import find_observers
+    from hub.teaching.teaching_client import find_observers, presence_of
+    from hub.teaching.terminal_lesson import run_lesson
+    from hub.watch import watch
 
     config = read_scene(options.scene)
     _require_teachable(config, options, options.labels or [])
-    with ExitStack() as here:
-        with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
-            presence = find_observers(config, link, stop)
-            log = _started_here(options, config, presence, stop, here)
-            present = _present(config, options.scene, presence)
-            _lesson(options, config, link, present, stop)
-        if log is None:
-            print("see it: labanmesh watch", options.scene)
-            return
-        from hub.watch import watch
+    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
+        # Of a rehearsal's scene nothing runs yet: its endpoint is its own.
+        presence = presence_of(config, link) if rehearsal else find_observers(config, link, stop)
+        log = _started_here(options, config, presence, stop, rehearsal, here)
+        run_lesson(_plan(options), config, link, presence, stop, options.beep, rehearsal, options.scene)
+    if rehearsal is not None:
+        return
+    if log is None:
+        print("see it: labanmesh watch", options.scene)
+        return
+    print(f"the scene runs until Ctrl-C ends it (its log: {log}); later: labanmesh up {options.scene}", flush=True)
+    watch(options.scene)
 
-        print(f"the scene runs until Ctrl-C ends it (its log: {log}); later: labanmesh up {options.scene}", flush=True)
-        watch(options.scene)
 
-
-def _lesson(
-    options: TeachOptions, config: "Scene", link: "Link", present: Sequence[str], stop: threading.Event
-) -> None:
+def _plan(options: TeachOptions) -> "LessonPlan":
+    """The lesson as typed; what was not typed is shorter in a rehearsal."""
     from common.teaching_messages import SOMEONE
-    from hub.session import SceneListener
-    from hub.teaching.lesson import Lesson, LessonPlan
-    from hub.teaching.teaching_client import TeachingClient
-    from hub.teaching.terminal import Terminal, single_keys
+    from hub.teaching.lesson import LessonPlan
+    from hub.teaching.rehearsal import LENGTHS
 
+    background, alarms = options.background_minutes, options.alarm_minutes
+    typed: dict[str, Any] = {
+        "takes": options.takes,
+        "background_s": None if background is None else background * 60,
+        "alarm_s": None if alarms is None else alarms * 60,
+        "countdown": options.countdown,
+    }
+    lengths = LENGTHS if options.rehearse else {"alarm_s": 30.0}
     plan = LessonPlan(
-        options.labels or [], secrets.token_hex(8), options.person or SOMEONE, options.takes,
-        options.background_minutes * 60, options.seconds, options.countdown, options.add, options.test,
-        options.alarm_minutes * 60, options.begin.value,
+        options.labels or [], secrets.token_hex(8), options.person or SOMEONE, seconds=options.seconds,
+        add=options.add, test=options.test, begin=options.begin.value,
     )  # fmt: skip
-    client = TeachingClient(link, config.keys)
-    with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:
-        if options.begin is BeginOption.KEY and not keyboard:
-            raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
-        interface = Terminal(stop, listener, keyboard, options.beep)
-        observers = _teachable(client, plan.teacher, present, interface, options.scene)
-        Lesson(plan, interface, client.ask, observers).run()
+    return replace(plan, **{**lengths, **{name: value for name, value in typed.items() if value is not None}})
 
 
 def _started_here(
-    options: TeachOptions, config: "Scene", presence: "Presence", stop: threading.Event, here: ExitStack
+    options: TeachOptions,
+    config: "Scene",
+    presence: "Presence",
+    stop: threading.Event,
+    rehearsal: "Rehearsal | None",
+    here: ExitStack,
 ) -> Path | None:
     """Start the scene in `here` if nothing of it runs and the person wants it; the path of its log, None if not."""
     from hub.teaching.scene_here import scene_here
@@ -172,8 +220,11 @@ def _started_here(
     if not (options.up or agrees(f"no observer of {config.scene} runs. Start them here, for the lesson?", stop)):
         return None
     print(f"starting {config.scene}: {', '.join(config.roster)}", flush=True)
+    environment = rehearsal.environment if rehearsal else {}
     return here.enter_context(
-        scene_here(options.scene, lambda: len(presence.alive) >= len(config.roster), lambda s: wait(s, stop))
+        scene_here(
+            options.scene, lambda: len(presence.alive) >= len(config.roster), lambda s: wait(s, stop), environment
+        )
     )
 
 
@@ -200,48 +251,3 @@ def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[s
             f"{options.scene}: vocabulary names the movements, which can then not be taught; remove that line, the "
             "models bring theirs"
         )
-
-
-def _present(scene: "Scene", file: Path, presence: "Presence") -> list[str]:
-    """The observers of the scene file that run; raises LabanmeshError without any."""
-    from hub.teaching.teaching_client import names_of
-
-    present = names_of(presence, scene)
-    if not present:
-        raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file} (or teach with --up)")
-    for name in scene.roster:
-        if name not in present:
-            print(f"{name}: does not run; the others are taught without it", flush=True)
-    return present
-
-
-def _teachable(
-    client: "TeachingClient", teacher: str, present: Sequence[str], interface: "Terminal", file: Path
-) -> list[str]:
-    """The observers that answer; raises LabanmeshError if none does, or none has pictures."""
-    from common.teaching_messages import TeachRequest
-    from hub.teaching.wording import NO_RIGHT
-
-    status = TeachRequest(command="status", teacher=teacher)
-    answers, begun_s, waits = client.ask(status, present), interface.now_s(), False
-    # A scene that has just been started has no pictures yet.
-    while not all(reply.pictures for reply in answers.replies.values()):
-        waited_s = interface.now_s() - begun_s
-        if waited_s >= (PICTURES_S if any(reply.pictures for reply in answers.replies.values()) else CAMERAS_S):
-            break
-        if waited_s >= PICTURES_S and not waits:
-            interface.say("waiting for the cameras ...")
-            waits = True
-        interface.pause(LOOK_S)
-        answers = client.ask(status, present)
-    if not answers.replies:
-        raise LabanmeshError(NO_RIGHT)
-    if not any(reply.pictures for reply in answers.replies.values()):
-        raise LabanmeshError(
-            f"no pictures from {', '.join(answers.replies)}: are the cameras plugged in and switched on? "
-            f"labanmesh doctor {file} says why; without a webcam let the source be a film or a phone: "
-            "docs/guide/cameras.md"
-        )
-    for name in answers.silent:
-        interface.say(f"{name}: does not answer a request to teach; the others are taught without it")
-    return list(answers.replies)

@@ -1,9 +1,10 @@
 """The processes of the scene, started by `labanmesh teach` where nothing runs yet, so that one command teaches."""
 
+import os
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -16,11 +17,14 @@ LOOK_S = 0.2
 
 
 @contextmanager
-def scene_here(file: Path, is_there: Callable[[], bool], pause: Callable[[float], None]) -> Iterator[Path]:
+def scene_here(
+    file: Path, is_there: Callable[[], bool], pause: Callable[[float], None], environment: Mapping[str, str]
+) -> Iterator[Path]:
     """The scene runs while the context lasts; yields the path of its log. It ends with the context.
 
-    is_there: whether all observers run. pause: waits so many seconds; raises KeyboardInterrupt to give up. Raises
-    LabanmeshError, with the last line of the log, if the scene ends or does not start within START_S.
+    is_there: whether all observers run. pause: waits so many seconds; raises KeyboardInterrupt to give up. environment:
+    variables for the scene's processes alone. Raises LabanmeshError, with the last line of the log, if the scene ends
+    or does not start within START_S.
     """
     log = file.with_suffix(".log")
     try:
@@ -33,6 +37,7 @@ def scene_here(file: Path, is_there: Callable[[], bool], pause: Callable[[float]
         process = subprocess.Popen(  # noqa: S603 - the command line is ours
             [sys.executable, "-P", "-m", "labanmesh", "up", str(file)],
             stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+            env={**os.environ, **environment},
         )  # fmt: skip
         try:
             end_s = time.monotonic() + START_S

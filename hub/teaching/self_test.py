@@ -27,16 +27,22 @@ def self_test(
     for label in labels:
         interface.pause(2.0)
         count_down(Step("now", label, is_test=True))
-        interface.verdicts()
-        begun_s, decided = interface.now_s(), ""
-        while not decided and interface.now_s() - begun_s < TEST_LIMIT_S:
-            interface.pause(LOOK_S)
-            decided = next(iter(interface.verdicts()), "")
+        decided = next_verdict(interface)
         right[label] = decided == label
         interface.show(Step("kept" if right[label] else "failed", label, is_test=True))
         interface.say(outcome_line(label, decided))
     alarms, lasted_s = _false_alarms(interface, alarm_s) if alarm_s else (0, 0.0)
     interface.say(summary_line(right, alarms, lasted_s, learned or {}))
+
+
+def next_verdict(interface: LessonInterface) -> str:
+    """The label that is decided within TEST_LIMIT_S from now; "": none is."""
+    interface.verdicts()
+    begun_s, decided = interface.now_s(), ""
+    while not decided and interface.now_s() - begun_s < TEST_LIMIT_S:
+        interface.pause(LOOK_S)
+        decided = next(iter(interface.verdicts()), "")
+    return decided
 
 
 def _false_alarms(interface: LessonInterface, alarm_s: float) -> tuple[int, float]:

@@ -66,12 +66,17 @@ def find_observers(scene: "Scene", link: "Link", stop: threading.Event) -> "Pres
 
     Raises KeyboardInterrupt as soon as `stop` is set.
     """
-    presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
+    presence = presence_of(scene, link)
     end_s = time.monotonic() + FIND_S
     while not presence.wait_for(len(scene.roster), LOOK_S) and time.monotonic() < end_s:
         if stop.is_set():
             raise KeyboardInterrupt
     return presence
+
+
+def presence_of(scene: "Scene", link: "Link") -> "Presence":
+    """Which observers of the scene file are alive, from now on."""
+    return link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
 
 
 def names_of(presence: "Presence", scene: "Scene") -> list[str]:

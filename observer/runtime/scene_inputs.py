@@ -142,7 +142,7 @@ def _log_choice(observer: str, outcome: TrackerChoice, as_chosen: bool) -> None:
 
 def _prepared_pictures(source: FrameSource, view: View, section: ObserverConfig) -> FrameSource:
     """The pictures as the scene file describes them; raises BadInput if their size does not fit the view."""
-    _use_one_thread()
+    use_one_thread()
     if size_px := section.size_px or getattr(source, "size_px", None):
         picture_scale(view, size_px)
     return UnmirroredSource(source) if section.mirrored else source
@@ -154,7 +154,7 @@ def person_in(scene: Scene, observer: str, view: View) -> PersonPlacement | None
     return placement_of(person.place, person.facing) if view.has_place else None
 
 
-def _use_one_thread() -> None:
+def use_one_thread() -> None:
     """An observer is one process of several on its machine; more threads of OpenCV would only compete."""
     import cv2
 

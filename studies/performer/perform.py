@@ -191,14 +191,14 @@ def _play(
 ) -> NDArray[np.float32]:
     """(F, 3, 3) sensor positions of a person who carries out the plans, each from its start in seconds."""
     time = np.arange(_frame(duration, rate_hz)) / rate_hz
-    postures = begin + _idle(time, performer, rng)
+    postures = begin + idle(time, performer, rng)
     for start, plan in plans:
         postures += plan.displacement(time - start)
     positions = assume(performer.build, postures).positions
     return (positions + rng.normal(0.0, SENSOR_NOISE, positions.shape)).astype(np.float32)
 
 
-def _idle(time: Floats, performer: Person, rng: np.random.Generator) -> Floats:
+def idle(time: Floats, performer: Person, rng: np.random.Generator) -> Floats:
     """(T, 12) breathing and slow sway; every channel has its own frequency and phase."""
     frequency = rng.uniform(*SWAY_HZ, size=CHANNELS)
     phase_rad = rng.uniform(0.0, 2 * np.pi, size=CHANNELS)

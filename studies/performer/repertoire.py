@@ -103,6 +103,20 @@ SCORES: dict[str, Score] = {
     ),
 }
 """The scores by label, in the order of the paper's tables."""
+
+ORDINARY: tuple[Score, ...] = (
+    # Scratches the head.
+    (Stroke(Posture(right=(0.02, 0.42, 0.12), nod=0.1), 0.7), Hold(0.9), Stroke(REST, 0.7)),
+    # Steps aside, and comes back.
+    (Stroke(Posture(side=0.3, drop=0.01), 0.9), Hold(1.2), Stroke(REST, 0.9)),
+    # Reaches down for a low table, with both hands.
+    (Stroke(Posture((0.05, -0.75, 0.5), (0.05, -0.75, 0.5), drop=0.1, lean=0.5), 0.9), Hold(0.4), Stroke(REST, 0.9)),
+    # The left hand to the hip.
+    (Stroke(Posture(left=(0.1, -0.62, 0.05), lean=-0.03), 0.6), Hold(1.5), Stroke(REST, 0.6)),
+    # Shifts the weight, and looks down.
+    (Stroke(Posture(side=-0.12, nod=0.3), 0.7), Hold(0.8), Stroke(REST, 0.7)),
+)
+"""Ordinary life: what is none of the movements, and would be learned as something else."""
 # fmt: on
 
 

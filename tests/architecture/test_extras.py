@@ -11,7 +11,7 @@ from doc_pages import DOCS
 from source_imports import FILES, HOUSE, ROOMS, all_imports
 
 import labanmesh
-from labanmesh import FORGET_IN_MODEL, VERBS
+from labanmesh import OTHER_FORMS, VERBS
 
 PROVIDED_BY = {"sse_starlette": "sse-starlette", "prometheus_client": "prometheus-client", "zenoh": "eclipse-zenoh",
                "cv2": "opencv-python-headless"}  # fmt: skip
@@ -22,9 +22,13 @@ ON_REQUEST = {
     ("studies.run_evaluation", "observer.rendering.scenery"): "evaluate --through",
     ("studies.run_evaluation", "studies.from_pixels"): "evaluate --through",
     ("studies.report", "studies.figures"): "evaluate --report",
+    ("hub.teaching.rehearsal", "studies.performer.cameras"): "teach --rehearse",
 }
 """Imports that happen only if the user asks for something that needs another extra; and what the user types."""
-STARTED = {**{name: verb.module for name, verb in VERBS.items()}, "forget --labels": FORGET_IN_MODEL.module}
+STARTED = {
+    **{name: verb.module for name, verb in VERBS.items()},
+    **{" ".join(key): form.module for key, form in OTHER_FORMS.items()},
+}
 NOT_VERBS = (
     "labanmesh", "deploy.make_environment", "deploy.home-assistant.labanmesh.run", "observer.runtime.preflight",
     "observer.tracking.task_file", "labanmesh_testing.plugin",

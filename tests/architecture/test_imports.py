@@ -52,8 +52,8 @@ IMPURE = {
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "observer.runtime.preflight observer.runtime.start_barrier "
-        "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.output_files "
-        "studies.report studies.run_evaluation"
+        "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
+        "studies.output_files studies.report studies.run_evaluation"
     ),
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.interrupt common.lifecycle common.log_limit "
@@ -61,7 +61,8 @@ IMPURE = {
         "deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher deploy.make_environment "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
-        "hub.teaching.scene_here hub.teaching.terminal "
+        "hub.teaching.rehearsal hub.teaching.scene_here hub.teaching.terminal hub.teaching.terminal_lesson "
+        "studies.performer.cameras "
         "studies.demo* studies.effort "
         "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel "
         "hub.teaching.memory_commands"

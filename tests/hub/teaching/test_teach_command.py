@@ -10,7 +10,7 @@ import pytest
 from common.errors import BadInput, LabanmeshError
 from common.inbox import Presence
 from common.teaching_messages import TeachReply
-from hub.teaching import commands, teaching_client
+from hub.teaching import commands, teaching_client, terminal_lesson
 from hub.teaching.commands import TeachOptions
 from hub.teaching.interface import Answers
 
@@ -19,8 +19,8 @@ FILE = Path("scene.toml")
 
 @pytest.fixture(autouse=True)
 def no_waiting(monkeypatch):
-    monkeypatch.setattr(commands, "PICTURES_S", 0.0)
-    monkeypatch.setattr(commands, "CAMERAS_S", 0.0)
+    monkeypatch.setattr(terminal_lesson, "PICTURES_S", 0.0)
+    monkeypatch.setattr(terminal_lesson, "CAMERAS_S", 0.0)
 
 
 def client(**pictures):
@@ -31,7 +31,7 @@ def client(**pictures):
 
 def test_where_nobody_runs_one_line_says_so(scene, capsys):
     with pytest.raises(LabanmeshError, match=r"no observer of room runs; start them: labanmesh up scene\.toml"):
-        commands._present(scene, FILE, Presence())
+        terminal_lesson.present_observers(scene, FILE, Presence())
     assert capsys.readouterr().out == "", "nobody is taught without them"
 
 
@@ -45,12 +45,14 @@ def test_the_search_for_observers_ends_with_ctrl_c(scene, fake_link, monkeypatch
 
 def test_a_lesson_does_not_wait_for_cameras_that_are_all_unplugged(capsys):
     interface = SimpleNamespace(now_s=lambda: 0.0, say=print)
-    assert commands._teachable(client(sofa=True, shelf=False), "t", ["sofa", "shelf"], interface, FILE) == [
+    assert terminal_lesson.teachable_observers(
+        client(sofa=True, shelf=False), "t", ["sofa", "shelf"], interface, FILE
+    ) == [
         "sofa",
         "shelf",
     ]
     with pytest.raises(LabanmeshError, match=r"no pictures from sofa, shelf: .* labanmesh doctor scene\.toml says why"):
-        commands._teachable(client(sofa=False, shelf=False), "t", ["sofa", "shelf"], interface, FILE)
+        terminal_lesson.teachable_observers(client(sofa=False, shelf=False), "t", ["sofa", "shelf"], interface, FILE)
 
 
 def test_a_single_movement_is_refused_with_the_way_out(scene):

@@ -1,0 +1,91 @@
+"""A lesson in a terminal: which observers can be taught, the lesson, and what follows it."""
+
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from common.errors import BadInput, LabanmeshError
+from common.teaching_messages import TeachRequest
+from hub.session import SceneListener
+from hub.teaching.lesson import Lesson, LessonPlan
+from hub.teaching.rehearsal import Rehearsal, RehearsalTerminal, show_recognition
+from hub.teaching.teaching_client import TeachingClient, names_of
+from hub.teaching.terminal import Terminal, single_keys
+from hub.teaching.wording import NO_RIGHT
+
+if TYPE_CHECKING:
+    from common.config import Scene
+    from common.inbox import Presence
+    from common.link import Link
+
+LOOK_S, PICTURES_S = 0.2, 6.0
+CAMERAS_S = 20.0
+"""So long the lesson waits for a first camera; for the others PICTURES_S."""
+
+
+def run_lesson(
+    plan: LessonPlan,
+    config: "Scene",
+    link: "Link",
+    presence: "Presence",
+    stop: threading.Event,
+    beeps: bool,
+    rehearsal: Rehearsal | None,
+    file: Path,
+) -> None:
+    """Teach the observers of the scene `file` that run; after a rehearsal show what is recognised.
+
+    Raises BadInput for a plan that needs a keyboard where there is none, LabanmeshError if the lesson cannot go on.
+    """
+    present, client = present_observers(config, file, presence), TeachingClient(link, config.keys)
+    with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:
+        if plan.begin == "key" and not keyboard:
+            raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
+        interface = Terminal(stop, listener, keyboard, beeps)
+        if rehearsal is not None:
+            interface = RehearsalTerminal(rehearsal, stop, listener, keyboard, beeps)
+        observers = teachable_observers(client, plan.teacher, present, interface, file)
+        Lesson(plan, interface, client.ask, observers).run()
+        if rehearsal is not None:
+            show_recognition(rehearsal, interface)
+
+
+def present_observers(scene: "Scene", file: Path, presence: "Presence") -> list[str]:
+    """The observers of the scene file that run; raises LabanmeshError without any."""
+    present = names_of(presence, scene)
+    if not present:
+        raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file} (or teach with --up)")
+    for name in scene.roster:
+        if name not in present:
+            print(f"{name}: does not run; the others are taught without it", flush=True)
+    return present
+
+
+def teachable_observers(
+    client: TeachingClient, teacher: str, present: Sequence[str], interface: Terminal, file: Path
+) -> list[str]:
+    """The observers that answer; raises LabanmeshError if none does, or none has pictures."""
+    status = TeachRequest(command="status", teacher=teacher)
+    answers, begun_s, waits = client.ask(status, present), interface.now_s(), False
+    # A scene that has just been started has no pictures yet.
+    while not all(reply.pictures for reply in answers.replies.values()):
+        waited_s = interface.now_s() - begun_s
+        if waited_s >= (PICTURES_S if any(reply.pictures for reply in answers.replies.values()) else CAMERAS_S):
+            break
+        if waited_s >= PICTURES_S and not waits:
+            interface.say("waiting for the cameras ...")
+            waits = True
+        interface.pause(LOOK_S)
+        answers = client.ask(status, present)
+    if not answers.replies:
+        raise LabanmeshError(NO_RIGHT)
+    if not any(reply.pictures for reply in answers.replies.values()):
+        raise LabanmeshError(
+            f"no pictures from {', '.join(answers.replies)}: are the cameras plugged in and switched on? "
+            f"labanmesh doctor {file} says why; without a webcam let the source be a film or a phone: "
+            "docs/guide/cameras.md"
+        )
+    for name in answers.silent:
+        interface.say(f"{name}: does not answer a request to teach; the others are taught without it")
+    return list(answers.replies)
