@@ -51,7 +51,7 @@ def observe(
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
     model, inputs = _model_and_inputs(config, observer, health)
-    build = partial(_pipeline, config, observer, inputs)
+    build = partial(pipeline_of, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
         target = preview or _preview_in(config, observer)
@@ -83,7 +83,7 @@ def _model_and_inputs(
     return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=fewer)
 
 
-def _pipeline(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":
+def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match

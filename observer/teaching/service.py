@@ -4,8 +4,9 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.config import MODELS, Scene
@@ -153,15 +154,26 @@ def teachable(
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
     parts = inputs.tracker.every_part
     recorder = TracksRecorder(parts, rate_hz, scene.teaching.remember_minutes * 60)
-    scene_model, file = scene.named_model(observer_id), f"{observer_id}.tracks.npz"
-    scene_model = model if scene_model.resolve() == model.resolve() else scene_model
-    takes = TakesFile(model.with_name(file), parts, TracksCamera(observer_id), scene_model.with_name(file))
-    learner = ModelLearner(takes.path, model, build, scene_model)
+    takes = takes_of(scene, observer_id, parts)
+    learner = ModelLearner(takes.path, model, build, scene_model_of(scene, observer_id))
     teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id), _clips_of(scene, observer_id))
     try:
         yield TeachableObserver(inputs, observer, recorder, teaching, learner, scene.file)
     finally:
         learner.close()
+
+
+def takes_of(scene: Scene, observer_id: str, body_parts: Sequence[str]) -> TakesFile:
+    """The takes of an observer, with these parts."""
+    models, file = (scene.taught_model(observer_id), scene_model_of(scene, observer_id)), f"{observer_id}.tracks.npz"
+    path, earlier = (model.with_name(file) for model in models)
+    return TakesFile(path, body_parts, TracksCamera(observer_id), earlier)
+
+
+def scene_model_of(scene: Scene, observer_id: str) -> Path:
+    """The model that the scene file names; by the same path as the taught one if both are one file."""
+    named, taught = scene.named_model(observer_id), scene.taught_model(observer_id)
+    return taught if named.resolve() == taught.resolve() else named
 
 
 def answer_teachers(session: SubSession, scene: Scene, observer_id: str, observer: TeachableObserver) -> None:

@@ -80,7 +80,7 @@ class TakesFile:
 
     def free_take(self, label: str) -> int:
         """The number after the highest that a take of the movement has, on the disk or in memory."""
-        trials = [r.trial for r in (*self._recordings(), *self._waiting) if r.label == label]
+        trials = [r.trial for r in (*self.recordings, *self._waiting) if r.label == label]
         return max((int(trial) for trial in trials if trial.isdecimal()), default=0) + 1
 
     def forget(self, unwanted: Unwanted) -> list[Recording]:
@@ -107,6 +107,13 @@ class TakesFile:
         return next((r for r in (*on_disk, *self._waiting) if (r.label, r.trial) == (label, trial)), None)
 
     @property
+    def recordings(self) -> Sequence[Recording]:
+        """All that is on the disk, in the order in which it was added; empty if it cannot be read."""
+        with suppress(LabanmeshError):
+            return self._opened().recordings
+        return ()
+
+    @property
     def archive(self) -> MotionArchive | None:
         """All that is on the disk; None if nothing is, or if it cannot be read."""
         with suppress(LabanmeshError):
@@ -117,7 +124,7 @@ class TakesFile:
     def takes(self) -> dict[str, list[int]]:
         """The numbers of the takes of each movement on the disk."""
         result: dict[str, list[int]] = {}
-        for recording in self._recordings():
+        for recording in self.recordings:
             if recording.label and recording.trial.isdecimal() and int(recording.trial) <= LAST_INTEGER:
                 result.setdefault(recording.label, []).append(int(recording.trial))
         return result
@@ -125,7 +132,7 @@ class TakesFile:
     @property
     def persons(self) -> dict[str, dict[str, int]]:
         """How many recordings of each movement ("": something else) are on the disk or in memory, by whose they are."""
-        own = [r for r in (*self._recordings(), *self._waiting) if r.subject]
+        own = [r for r in (*self.recordings, *self._waiting) if r.subject]
         return {
             name: dict(Counter(r.label for r in own if r.subject == name)) for name in sorted({r.subject for r in own})
         }
@@ -133,12 +140,7 @@ class TakesFile:
     @property
     def other_s(self) -> float:
         """Seconds of something else on the disk."""
-        return sum(len(r.positions) / r.rate_hz for r in self._recordings() if not r.label)
-
-    def _recordings(self) -> Sequence[Recording]:
-        with suppress(LabanmeshError):
-            return self._opened().recordings
-        return ()
+        return sum(len(r.positions) / r.rate_hz for r in self.recordings if not r.label)
 
     def _opened(self) -> TracksFile:
         if self._file is None:
