@@ -14,6 +14,8 @@ ID_LIMIT = 128
 """Characters of what identifies a session, a movement or a vocabulary."""
 CONTRADICTED = 0.6
 """An observer that is relied on less than this is contradicted by the others; honest ones of people stay above .85."""
+OVERLOADED = "too slow for all of them"
+"""Part of the reason of a process that is degraded because it cannot keep up; after the next semicolon, what to do."""
 SAME_ID_REASON: Final = "another process has this id"
 """The reason in the status of a fusion service that has noticed a second process of its id."""
 LABELS_LIMIT = 10_000

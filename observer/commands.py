@@ -109,16 +109,19 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
 
 
 def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs") -> "ObserverLike":
-    """The observer; if it tracks pictures in real time, with a tracker that is run only when needed."""
+    """The observer, which complains while it is too slow; pictures in real time are tracked only when needed."""
+    from observer.runtime.load import LoadMeter
+    from observer.runtime.service import MeteredObserver
+
     if inputs.keeps_all or not inputs.pictures:
-        return observer
+        return MeteredObserver(observer, LoadMeter())
     # Imported on use: it needs OpenCV.
     from observer.runtime.paced_observer import Heartbeats, PacedObserver
     from observer.runtime.pacing import PaceLimits, TrackingPace
 
     section = scene.observer(observer_id)
     pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
-    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion))
+    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures"))
 
 
 def _preview_in(scene: "Scene", observer: str) -> str:

@@ -10,7 +10,7 @@ from typing import Final, TypeVar
 
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
-from common.message_types import CONTRADICTED, SAME_ID_REASON
+from common.message_types import CONTRADICTED, OVERLOADED, SAME_ID_REASON
 from common.messages import JudgementMessage, Message, PosteriorMessage, StatusMessage
 from common.text import plural
 from common.wire import BadMessage, decode_from
@@ -197,6 +197,8 @@ def _state(name: str, process: ProcessTraffic, alive: bool, no_frames: str) -> F
         return error(GROUP, f"{name}: {status.reason}", "stop one, or give it an id of its own: fuse --id")
     if not alive:
         return warning(GROUP, f"{what}; this is its last status, it is not alive", "start it again; see its log")
+    if status.state == "degraded" and OVERLOADED in what:
+        return warning(GROUP, *what.split("; ", 1))
     if status.state == "degraded":
         return warning(GROUP, what, no_frames)
     if status.reason.startswith(STANDING_BY):

@@ -16,13 +16,15 @@ class ObserverMetrics(Metrics):
     def __init__(self, scene: str, observer: str, status: Callable[[], StatusMessage]) -> None:
         super().__init__("observer", {"scene": scene, "observer": observer}, status)
         self._frames = self.counter("frames", "Frames worked on.")
+        self._skipped = self.counter("frames_skipped", "Frames left out, as newer ones were there when it was ready.")
         self._posteriors = self.counter("posteriors", "Posteriors published.")
         self._age = self.histogram("frame_age_seconds", "From the capture of a frame to its posterior.", AGE_BUCKETS)
         self._step = self.histogram("observer_step_seconds", "Tracking and filtering, for one frame.", STEP_BUCKETS)
 
-    def record_frame(self, age_s: float, step_s: float, *, sent: bool) -> None:
-        """One frame was processed; sent: whether a posterior was published."""
+    def record_frame(self, age_s: float, step_s: float, *, sent: bool, skipped: int) -> None:
+        """One frame was processed. sent: whether a posterior was published. skipped: frames left out before it."""
         self._frames.inc()
+        self._skipped.inc(skipped)
         self._posteriors.inc(sent)
         self._age.observe(age_s)
         self._step.observe(step_s)

@@ -11,12 +11,12 @@ import numpy as np
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.vocabulary import Vocabulary
 from observer.camera.base import Picture
+from observer.runtime.load import LoadMeter
 from observer.runtime.motion_gate import COLUMNS, ROWS, Cells, MotionGate
 from observer.runtime.pacing import TrackingPace
 from observer.runtime.pipeline import Posterior
-from observer.runtime.service import ObserverLike
+from observer.runtime.service import MeteredObserver, ObserverLike
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ class HeldTracker:
         return replace(tracks, centres=np.where(np.isfinite(tracks.centres), means, np.nan))
 
 
-class PacedObserver:
+class PacedObserver(MeteredObserver):
     """An `ObserverLike` that skips pictures, which then have no posterior.
 
     prepared: the tracker that `observer` steps. While nobody moves and the pictures do not change, the observer is
@@ -101,42 +101,35 @@ class PacedObserver:
         prepared: "PreparedTracker",
         pace: TrackingPace,
         heartbeats: Heartbeats,
+        meter: LoadMeter,
         cpu_s: Callable[[], float] = time.process_time,
     ) -> None:
-        self._observer, self._prepared, self._pace, self._heartbeats = observer, prepared, pace, heartbeats
+        super().__init__(observer, meter)
+        self._prepared, self._pace, self._heartbeats = prepared, pace, heartbeats
         prepared.tracker = self._held = HeldTracker(prepared.tracker, cpu_s)
         self._gate, self._skipped = MotionGate(), False
-        self._compared_ns = self._stepped_ns = 0
-
-    @property
-    def vocabulary(self) -> Vocabulary | None:
-        """The vocabulary of the observer."""
-        return self._observer.vocabulary
-
-    @property
-    def complaint(self) -> str:
-        """The complaint of the observer."""
-        return self._observer.complaint
+        self._compared_ns = self._stepped_ns = self._lost = 0
 
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame; None if it was skipped. The last one of a recording never is."""
         if frame.repeated:
             return None if self._skipped else self._observer.step(frame)
         at_ns = frame.captured_ns
+        self._lost += frame.skipped
+        missed = self._pace.missed(at_ns, self._lost)
         due = self._pace.due(at_ns, self._changed(frame)) or frame.last
         self._skipped = not due and not (self._pace.quiet(at_ns) and self._heartbeat_due(at_ns))
         if self._skipped:
             return None
         self._stepped_ns = at_ns
+        if due:
+            self._meter.record(at_ns, missed)
+            self._lost = 0
         self._held.hold, self._held.resting = not due, self._pace.quiet(at_ns)
         posterior = self._observer.step(frame)
         if due and self._prepared.picture_tracks is not None:
             self._pace.ran(at_ns, self._prepared.picture_tracks, self._held.cost_s)
         return posterior
-
-    def end(self) -> Posterior | None:
-        """The posterior now that the source has ended."""
-        return self._observer.end()
 
     def _changed(self, frame: Frame) -> bool:
         """Whether something begins to move; not asked of pictures that come faster than GATE_HZ."""

@@ -53,6 +53,7 @@ class TrackingPace:
         self._costs: deque[float] = deque(maxlen=COSTS)
         self._empty_costs: deque[float] = deque(maxlen=COSTS)
         self._tracks: deque[tuple[int, Floats]] = deque()
+        self._ran_ns: int | None = None
         self._someone_ns: int | None = None
         self._moved_ns: int | None = None
         self._due_ns, self._before_ns, self._period_ns = 0, 0, 0.0
@@ -89,8 +90,16 @@ class TrackingPace:
         # The picture nearest to the moment at which a run is due.
         return at_ns + self._period_ns / 2 >= self._due_ns
 
+    def missed(self, at_ns: int, skipped: int) -> int:
+        """On how many of the `skipped` pictures since the last run, up to this one, the tracker was to be run."""
+        if not skipped or self._ran_ns is None:
+            return 0
+        due = (at_ns - self._ran_ns) / SECOND_NS * self.rate_hz(at_ns)
+        return int(min(skipped, max(due - 1, 0.0)))
+
     def ran(self, at_ns: int, tracks: Tracks, cost_s: float) -> None:
         """The tracker was run on this picture, and took so many CPU seconds."""
+        self._ran_ns = at_ns
         was_empty = self._empty and self.quiet(at_ns)
         (self._empty_costs if was_empty else self._costs).append(max(cost_s, 1e-6))
         someone = bool(tracks.visible.any()) or (tracks.guesses is not None and bool(np.isfinite(tracks.guesses).any()))

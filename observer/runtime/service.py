@@ -18,6 +18,7 @@ from common.messages import ProcessState, StatusMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
+from observer.runtime.load import LoadMeter
 from observer.runtime.pipeline import Posterior, PosteriorEncoder, SendOnChange
 from observer.tracks import Frame, FrameSource
 
@@ -25,9 +26,9 @@ if TYPE_CHECKING:
     from observer.runtime.metrics import ObserverMetrics
 
 ReportState = Callable[[ProcessState, str], None]
-RecordFrame = Callable[[float, float, bool], None]
-"""Called for each frame with its age at the end of the step and the step's duration, in seconds, and whether a
-posterior was sent."""
+RecordFrame = Callable[[float, float, bool, int], None]
+"""Called for each frame with its age at the end of the step and the step's duration, in seconds, whether a posterior
+was sent, and how many frames the source skipped before it."""
 
 
 @contextmanager
@@ -44,19 +45,19 @@ def instrument(scene: Scene, observer: str, status: Callable[[], StatusMessage])
 
     with serve_health(scene.metrics.listen, health, make_metrics) as metrics:
 
-        def record_frame(age_s: float, step_s: float, sent: bool) -> None:
+        def record_frame(age_s: float, step_s: float, sent: bool, skipped: int) -> None:
             health.record_step(time.monotonic())
             if metrics is not None:
-                metrics.record_frame(age_s, step_s, sent=sent)
+                metrics.record_frame(age_s, step_s, sent=sent, skipped=skipped)
 
         yield record_frame
 
 
 class HealthReporter:
-    """Combines the camera's reports and the tracker's complaints into one state, and reports each change once.
+    """Combines the camera's reports and the observer's complaints into one state, and reports each change once.
 
     The state is `starting` until the first frame, then `running`. It is `degraded` while the camera is lost or frozen
-    or, if the camera works, while the tracker complains.
+    or, if the camera works, while the observer complains.
     """
 
     def __init__(self) -> None:
@@ -66,7 +67,7 @@ class HealthReporter:
 
     @property
     def complaint(self) -> str:
-        """The tracker's last complaint; "" if all is well."""
+        """The observer's last complaint; "" if all is well."""
         return self._complaint
 
     def report_to(self, report: ReportState) -> None:
@@ -80,7 +81,7 @@ class HealthReporter:
         self._report_change()
 
     def record_frame(self, complaint: str) -> None:
-        """A frame was processed; complaint: why little is found in it, "" if all is well."""
+        """A frame was processed; complaint: as `ObserverLike.complaint`."""
         self._started, self._complaint = True, complaint
         self._report_change()
 
@@ -111,13 +112,40 @@ class ObserverLike(Protocol):
 
     @property
     def complaint(self) -> str:
-        """Why the tracker finds little in the pictures, and what to do about it; "" if all is well."""
+        """Why the tracker finds little in the pictures, or that it is too slow, and what to do; "" if all is well."""
 
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame; None if the frame was skipped, or without a model."""
 
     def end(self) -> Posterior | None:
         """The posterior now that the source has ended; None if it shows nothing new."""
+
+
+class MeteredObserver:
+    """An `ObserverLike` that complains while it is too slow for its source."""
+
+    def __init__(self, observer: ObserverLike, meter: LoadMeter) -> None:
+        self._observer, self._meter = observer, meter
+
+    @property
+    def vocabulary(self) -> Vocabulary | None:
+        """The vocabulary of the observer."""
+        return self._observer.vocabulary
+
+    @property
+    def complaint(self) -> str:
+        """The complaint of the observer or, if it has none, that it is too slow."""
+        return self._observer.complaint or self._meter.complaint
+
+    def step(self, frame: Frame) -> Posterior | None:
+        """The posterior after one more frame."""
+        if not frame.repeated:
+            self._meter.record(frame.captured_ns, frame.skipped)
+        return self._observer.step(frame)
+
+    def end(self) -> Posterior | None:
+        """The posterior now that the source has ended."""
+        return self._observer.end()
 
 
 def serve(
@@ -156,7 +184,8 @@ def serve(
             publisher.follow(observer.vocabulary)
             now_ns = clock()
             sent = posterior is not None and publisher.publish(posterior, frame.captured_ns, now_ns)
-            record_frame((now_ns - frame.captured_ns) / SECOND_NS, time.monotonic() - begun_s, sent)
+            age_s = (now_ns - frame.captured_ns) / SECOND_NS
+            record_frame(age_s, time.monotonic() - begun_s, sent, frame.skipped)
             status.record_frame(frame.captured_ns, now_ns)
             health.record_frame(observer.complaint)
             status_publisher.alive()
@@ -194,7 +223,7 @@ def _publish_end(observer: ObserverLike, publisher: "PosteriorPublisher", captur
 
 
 def _state_report(status: StatusPublisher, health: HealthReporter, observer_id: str) -> ReportState:
-    """Publishes each change of state, and logs the tracker's complaints; sources log their own faults."""
+    """Publishes each change of state, and logs the observer's complaints; sources log their own faults."""
 
     def report(state: ProcessState, reason: str) -> None:
         status.set_state(state, reason)

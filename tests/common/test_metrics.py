@@ -110,7 +110,7 @@ def full_status():
 def every_metric():
     """Every metric of observer, fusion and hub as Prometheus parses it, by role."""
     observer = ObserverMetrics("dojo", "cam1", full_status)
-    observer.record_frame(0.1, 0.01, sent=True)
+    observer.record_frame(0.1, 0.01, sent=True, skipped=2)
     worker = SimpleNamespace(
         scene=SimpleNamespace(scene="dojo"),
         vocabulary=NAMES,

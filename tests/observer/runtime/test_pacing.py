@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from observer.camera.opening import open_pictures
+from observer.runtime.load import LoadMeter
 from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
 from observer.runtime.paced_observer import Heartbeats, PacedObserver, cells_of
 from observer.runtime.pacing import (
@@ -154,7 +155,7 @@ def paced(tracker, shown):
     """What an observer with this tracker publishes of each picture; None: skipped."""
     prepared = PreparedTracker(tracker, tracker.body_parts)
     observer = PacedObserver(
-        Recorder(prepared), prepared, TrackingPace(), Heartbeats(0.1, 0.5), lambda: tracker.spent_s
+        Recorder(prepared), prepared, TrackingPace(), Heartbeats(0.1, 0.5), LoadMeter(), lambda: tracker.spent_s
     )
     return [observer.step(Frame(at(n), content, last=n == len(shown) - 1)) for n, content in enumerate(shown)]
 
