@@ -49,9 +49,9 @@ def test_a_revision_and_the_reason_of_a_silence_are_in_the_data(make, after):
 
 
 def test_long_text_is_cut(make, after):
-    long = make.judgement(votes={"cam1": make.vote("x" * 1000)}, label="y" * 1000)
-    text = json.dumps(snapshot_data(SETUP, after(long, make.verdict(1, label="z" * 5000))), ensure_ascii=False)
-    assert "xxx…" in text and not any(letter * 500 in text for letter in "xyz")
+    setup = PageSetup("room", floor_positions({"cam1": "x" * 1000}, {"cam1": None}))
+    text = json.dumps(snapshot_data(setup, after(make.judgement(rule="y" * 1000))), ensure_ascii=False)
+    assert "xxx…" in text and "yyy…" in text and not any(letter * 100 in text for letter in "xy")
 
 
 def test_a_vote_agrees_also_when_it_is_stale(make, after):
