@@ -50,7 +50,9 @@ def test_a_revision_and_the_reason_of_a_silence_are_in_the_data(make, after):
 
 def test_long_text_is_cut(make, after):
     setup = PageSetup("room", floor_positions({"cam1": "x" * 1000}, {"cam1": None}))
-    text = json.dumps(snapshot_data(setup, after(make.judgement(rule="y" * 1000))), ensure_ascii=False)
+    text = json.dumps(
+        snapshot_data(setup, after(make.judgement().model_copy(update={"rule": "y" * 1000}))), ensure_ascii=False
+    )
     assert "xxx…" in text and "yyy…" in text and not any(letter * 100 in text for letter in "xy")
 
 
