@@ -30,7 +30,7 @@ test: $(VENV)/.ready fault-tools mqtt-tools   ## all tests; those on recorded pe
 	@$(BIN)/pytest -q
 
 test-install: $(VENV)/.ready   ## the wheel with each extra alone: every verb works, or names the extra that it lacks; about 3 GB
-	@$(BIN)/pytest -q -n0 --timeout 900 tests/install
+	@$(BIN)/pytest -q -n0 tests/install
 
 test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
 	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP --timeout 900 tests/mediapipe tests/contracts/test_trackers.py
@@ -47,7 +47,7 @@ test-home: $(VENV)/.ready mqtt-tools $(HOME_ASSISTANT)/.ready   ## a real Home A
 	@LABANMESH_HASS=$(HOME_ASSISTANT)/bin/hass LABANMESH_NODE_RED=$$(ls $(HOME_ASSISTANT)/node-red/node_modules/.bin/node-red 2>/dev/null) LABANMESH_LOAD_S=120 $(BIN)/pytest -q -n0 -rP --timeout 900 tests/home
 
 home-assistant-app: $(VENV)/.ready   ## the Home Assistant app with labanmesh's wheel: an app repository in dist/home-assistant
-	@rm -rf dist/home-assistant && mkdir -p dist && cp -r deploy/home-assistant dist/home-assistant
+	@rm -rf dist/home-assistant build/lib && mkdir -p dist && cp -r deploy/home-assistant dist/home-assistant
 	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist/home-assistant/labanmesh .
 	@echo "dist/home-assistant: put its folder labanmesh into the folder addons of your Home Assistant, or all of it into a git repository of its own"
 

@@ -76,7 +76,7 @@ JOBS = (
         2,
         "nobody was seen",
     ),
-    Job("place", "place seen.toml --seconds 0.3", "observer", 2, "seen"),
+    Job("place", "place seen.toml --seconds 0.3", "observer", 2, "labanmesh look shows"),
     Job("learn", "learn known.npz --view yaw:30 -o new.model", line="new.model: stacked"),
     Job("forget", "forget room.toml --all --yes", status=1, line="labanmesh up room.toml"),
     Job("forget model", "forget sofa.model --labels ok -o less.model", line="less.model"),

@@ -12,6 +12,9 @@ from install_stage import ENVIRONMENTS, INCLUDES, JOBS, Environment, build_wheel
 
 from labanmesh import VERBS
 
+pytestmark = pytest.mark.timeout(1800)
+"""Seconds: pip installs an environment within the first test that uses it."""
+
 
 @pytest.fixture(scope="session")
 def wheel(tmp_path_factory):
