@@ -20,13 +20,16 @@ SHOWN_LIMIT = 8192
 DOUBTS_LIMIT = 60
 PERSONS_LIMIT, PERSON_LIMIT = 100, 64
 """Persons in a reply, and characters of a name."""
+EARLIER_LIMIT = 10
+"""Sets of earlier takes that an observer keeps: ten lessons that were begun by mistake; a set is some hundred kB."""
 TAKES_LIMIT = 1000
 """Takes of one movement in a reply: a lesson has 100 of each at most."""
 SOMEONE = "someone"
 """Whose takes they are if nobody is named."""
 TeachCommand = Literal[
-    "status", "show", "start", "begin", "end", "drop", "check", "learn", "adopt", "leave", "correct", "forget"
-]
+    "status", "show", "start", "begin", "end", "drop", "check", "learn", "adopt", "leave", "correct", "forget",
+    "earlier", "restore",
+]  # fmt: skip
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
 Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
@@ -50,7 +53,8 @@ class TeachRequest(Message):
     the observer's machine; to_ns = 0: until the person stands still; to_ns = from_ns: the movement nearest to that
     time. `forget` removes the takes of `person`, or of `label`, or `everything` that teaching left; models: also the
     model in force, so that the observer waits to be taught; clips: also the observer's clips of verdicts, of `label` if
-    that is given, else all.
+    that is given, else all. `earlier` asks for the takes that were set aside, `restore` makes those with the id
+    `earlier` the takes of now.
     """
 
     command: TeachCommand
@@ -67,6 +71,7 @@ class TeachRequest(Message):
     everything: bool = False
     models: bool = False
     clips: bool = False
+    earlier: Id = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +142,20 @@ class ForgottenReport(MessagePart):
     in_model: bool = False
 
 
+class EarlierTakes(MessagePart):
+    """Takes that were set aside `at_ns`, by the clock of the observer's machine.
+
+    takes: how many of each movement. labels: the movements of its lesson if that has not ended. other_s: seconds of
+    something else.
+    """
+
+    id: Id
+    takes: CountOf = Field(default_factory=dict)
+    labels: Labels = Field(default_factory=list)
+    other_s: Seconds = 0.0
+    at_ns: Time = 0
+
+
 class ShownTracks(MessagePart):
     """A few frames of tracks, for people to look at.
 
@@ -162,7 +181,8 @@ class TeachReply(Message):
     how many are in the picture now; None if the tracker does not tell. claps: how often somebody has clapped their
     hands since the observer began to watch for it. doubts: what `check` found. corrected, forgotten: in the answer
     to `correct` and to `forget`, what was done. persons: whose recordings are on its disk,
-    SOMEONE among them, and how many of each movement ("": something else).
+    SOMEONE among them, and how many of each movement ("": something else). earlier: in the answer to `earlier` and
+    `restore`, the takes that were set aside.
     """
 
     state: TeachState
@@ -184,6 +204,7 @@ class TeachReply(Message):
     people: Count | None = None
     claps: Count = 0
     doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)
+    earlier: list[EarlierTakes] = Field(default_factory=list, max_length=EARLIER_LIMIT)
     persons: dict[Person, CountOf] = Field(default_factory=dict, max_length=PERSONS_LIMIT)
 
 

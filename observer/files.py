@@ -4,6 +4,7 @@ import os
 import stat
 import zipfile
 from collections.abc import Mapping
+from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 from typing import IO, Any
@@ -15,21 +16,24 @@ from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import replace_file
 
 WAY_OUT = "Choose another path with -o"
+SHARED, PRIVATE = 0o666, 0o600
+"""Modes of files, less the umask: those that somebody asks for by name, and those that hold people's motion unasked."""
 UNPACKED_BYTES, UNPACKED_TIMES = 64 * 2**20, 100
 """What a file of arrays may unpack to, beyond so many times its own size: motion packs ten times, at most."""
 
 
-def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT) -> None:
+def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT, mode: int = SHARED) -> None:
     """Write `content` to `path`; an existing regular file is replaced only when the new one is complete.
 
-    way_out: the last sentence of an error. Raises BadInput if the path cannot be written to (no such folder, a folder,
-    permission denied), LabanmeshError if writing fails, e.g. because the disk is full.
+    way_out: the last sentence of an error. mode: of the file, whatever that of an existing one is. Raises BadInput if
+    the path cannot be written to (no such folder, a folder, permission denied), LabanmeshError if writing fails, e.g.
+    because the disk is full.
     """
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
             path.write_bytes(content)
         else:
-            replace_file(path.resolve(), content)
+            replace_file(path.resolve(), content, mode)
     except OSError as error:
         reason = str(error.strerror or error)
         wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
@@ -45,13 +49,19 @@ def remove_file(path: Path) -> None:
         raise LabanmeshError(f"{path}: cannot be removed: {reason_of(error)}. Remove it by hand") from None
 
 
-def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool) -> None:
+def make_private(path: Path) -> None:
+    """Let nobody else read the file; nothing happens where that cannot be, or there is none."""
+    with suppress(OSError):
+        path.chmod(PRIVATE)
+
+
+def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool, mode: int = SHARED) -> None:
     """Write the arrays as an .npz file without pickles; raises BadInput or LabanmeshError as `write_file` does."""
     content = BytesIO()
     save = np.savez_compressed if compressed else np.savez
     # No allow_pickle=False: numpy 1.26 would store it as an array. The arrays contain no objects.
     save(content, **arrays)  # type: ignore[arg-type]
-    write_file(path, content.getbuffer())
+    write_file(path, content.getbuffer(), mode=mode)
 
 
 def require_unpackable(file: IO[bytes]) -> None:

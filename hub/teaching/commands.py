@@ -107,6 +107,12 @@ class TeachOptions:
     learn: Annotated[
         LearnWhen | None, typer.Option(help="With --was: learn now, the default, or later; alone: learn corrections.")
     ] = None
+    earlier: Annotated[
+        bool, typer.Option("--earlier", help="List the takes that were set aside when another lesson began.")
+    ] = False
+    restore: Annotated[
+        str, typer.Option(metavar="ID", help="Make these earlier takes those of now, which are set aside.")
+    ] = ""
 
 
 @takes_options
@@ -127,6 +133,8 @@ def teach(options: TeachOptions) -> None:
     Example: labanmesh teach --rehearse
 
     Example: labanmesh teach scene.toml --was last nothing --was 20:14:03 wave
+
+    Example: labanmesh teach scene.toml --earlier
     """
     if options.rehearse:
         _require_lesson(options)
@@ -141,6 +149,11 @@ def teach(options: TeachOptions) -> None:
         learn_now = options.learn is not LearnWhen.LATER
         correct_verdicts(options.scene, options.was or [], options.labels or [], options.person, learn_now=learn_now)
         return
+    if options.earlier or options.restore:
+        from hub.teaching.memory_commands import earlier_takes
+
+        earlier_takes(options.scene, options.restore)
+        return
     with ExitStack() as here:
         rehearsal = None
         if options.rehearse:
@@ -153,7 +166,7 @@ def teach(options: TeachOptions) -> None:
 
 
 def _require_lesson(options: TeachOptions) -> None:
-    if options.was or options.learn is not None:
+    if options.was or options.learn is not None or options.earlier or options.restore:
         raise BadInput("--rehearse: is a lesson; correct verdicts of a scene that runs, without --rehearse")
 
 

@@ -1,4 +1,4 @@
-"""`labanmesh teach --was` and `labanmesh forget`: what the observers of a running scene remember is put right."""
+"""`labanmesh teach --was` and `--earlier`, `labanmesh forget`: what the observers of a scene have is put right."""
 
 import secrets
 import sys
@@ -100,6 +100,17 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
             learn_corrections(taught.participants, observers)
         else:
             taught.interface.say(f"nothing is learned yet: labanmesh teach {file} --learn now")
+
+
+def earlier_takes(file: Path, wanted: str = "") -> None:
+    """List the takes that the observers have set aside, or make those with the id `wanted` the takes of now."""
+    from hub.teaching.restoring import list_earlier, restore
+
+    with _opened(file) as taught:
+        if wanted:
+            restore(taught.participants, wanted, str(file))
+        else:
+            list_earlier(taught.participants, str(file))
 
 
 def forget(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput, reason_of
-from observer.files import require_unpackable, write_arrays
+from observer.files import SHARED, require_unpackable, write_arrays
 from observer.motion.archive import (
     HIGHEST_RATE_HZ,
     LOWEST_RATE_HZ,
@@ -111,13 +111,13 @@ def _camera(path: Path, arrays: Arrays) -> TracksCamera:
     return TracksCamera(name, (width, height))
 
 
-def write_archive(path: Path, archive: MotionArchive) -> None:
+def write_archive(path: Path, archive: MotionArchive, mode: int = SHARED) -> None:
     """Write `archive` to the .npz file at `path`, completely or not at all.
 
     Raises BadInput if the archive breaks a rule of the contract, BadInput or LabanmeshError as `write_arrays` does.
     """
     check_archive(archive, f"{path}: not written")
-    write_arrays(path, _arrays(archive), compressed=False)
+    write_arrays(path, _arrays(archive), compressed=False, mode=mode)
 
 
 def _load(path: Path) -> Arrays:

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from common.errors import BadInput, reason_of
-from observer.files import remove_file
+from common.errors import BadInput, LabanmeshError, reason_of
+from observer.files import SHARED, remove_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
 from observer.recording.new_recording import appended, with_trial
@@ -29,12 +29,12 @@ def tracks_files(output: Path, observers: Sequence[str]) -> dict[str, Path]:
 class TracksFile:
     """The archive of one observer's tracks. Each change is written at once, completely or not at all.
 
-    An existing file is extended. Raises BadInput for a file that is broken, holds 3-D positions, other body parts or
-    the tracks of another camera.
+    An existing file is extended. mode: of the file, as `observer.files.write_file` has it. Raises BadInput for a file
+    that is broken, holds 3-D positions, other body parts or the tracks of another camera.
     """
 
-    def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
-        self.path, self.body_parts, self.camera = path, tuple(body_parts), camera
+    def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera, mode: int = SHARED) -> None:
+        self.path, self.body_parts, self.camera, self._mode = path, tuple(body_parts), camera, mode
         self.archive: MotionArchive | None = read_archive(path) if path.exists() else None
         """None while there is no recording: then there is no file either."""
         if self.archive is None:
@@ -79,20 +79,27 @@ class TracksFile:
         """
         recording = self.with_trial(recording)
         grown = replace(appended(self.archive, self.body_parts, recording), camera=self.camera)
-        write_archive(self.path, grown)
+        write_archive(self.path, grown, self._mode)
         self.archive = grown
         return recording
 
     def remove(self, unwanted: Callable[[Recording], bool]) -> int:
         """Write the file without these recordings; returns how many were removed. An empty file is deleted.
 
-        Raises BadInput or LabanmeshError if it cannot be written: then the file is as before.
+        Where the disk has no room for a second file, the old one is removed first: what is to be forgotten goes in any
+        case. Raises LabanmeshError if it cannot be removed, or nothing can be written in its place: then `archive` is
+        None, and the file is gone.
         """
         left = tuple(r for r in self.recordings if not unwanted(r))
         removed = len(self.recordings) - len(left)
         if removed and left and self.archive is not None:
             shrunk = replace(self.archive, recordings=left)
-            write_archive(self.path, shrunk)
+            try:
+                write_archive(self.path, shrunk, self._mode)
+            except LabanmeshError:
+                remove_file(self.path)
+                self.archive = None
+                write_archive(self.path, shrunk, self._mode)
             self.archive = shrunk
         elif removed:
             remove_file(self.path)

@@ -95,7 +95,7 @@ def _teach(
     learner = ModelLearner(work, scene.taught_model(observer), build, scene_model_of(scene, observer))
     try:
         report = _learned(learner, labels, stop)
-        takes.start(labels, add=add)
+        takes.start(labels, add=add, lesson="films")
         for take in working.recordings[earlier:]:
             takes.add(take)
         learner.adopt(0.0)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from common.teaching_messages import LearnedReport, Unwanted
+from common.teaching_messages import EarlierTakes, LearnedReport, Unwanted
 from observer.motion.archive import MotionArchive, Recording
 
 
@@ -49,8 +49,15 @@ class Takes(Protocol):
     def other_s(self) -> float:
         """Seconds of something else."""
 
-    def start(self, labels: Sequence[str], *, add: bool) -> None:
-        """Begin to teach these movements, or go on; add: keep the takes of earlier ones."""
+    @property
+    def earlier(self) -> list[EarlierTakes]:
+        """Takes that were set aside."""
+
+    def start(self, labels: Sequence[str], *, add: bool, lesson: str) -> None:
+        """Begin to teach these movements, or go on; add: keep the takes of earlier ones. lesson: its id."""
+
+    def restore(self, wanted: str, lesson: str) -> None:
+        """The earlier takes with the id `wanted` become the takes of now; raises BadInput for an unknown id."""
 
     def add(self, recording: Recording) -> None:
         """Write one more take; raises BadInput or LabanmeshError if it cannot be written."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
-from observer.files import remove_file
+from observer.files import make_private, remove_file
 from observer.model.model_file import read_model
 from observer.runtime.pipeline import Observer
 
@@ -25,6 +25,8 @@ log = logging.getLogger("labanmesh.observer")
 NICE = 10
 """Learning waits for whatever else the machine has to do: posteriors go on."""
 END_S = 2.0
+UMASK = 0o077
+"""A model keeps examples of the motion that it was learned from: only the observer's user may read it."""
 Build = Callable[["MovementModel"], Observer]
 
 
@@ -57,6 +59,7 @@ class ModelLearner:
         try:
             if self._model.exists():
                 self._model.replace(self._before)
+                make_private(self._before)
             self._next.replace(self._model)
         except OSError as error:
             raise LabanmeshError(f"{self._model}: cannot be replaced: {error.strerror or error}") from None
@@ -127,7 +130,7 @@ class ModelLearner:
         command += ["--known-people", "--body-parts", "auto", "-o", str(self._next)]
         self._process = process = subprocess.Popen(  # noqa: S603 - the command line is ours
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, errors="replace",
+            stderr=subprocess.STDOUT, text=True, errors="replace", umask=UMASK,
         )  # fmt: skip
         with suppress(OSError):
             os.setpriority(os.PRIO_PROCESS, process.pid, NICE)

@@ -1,22 +1,24 @@
 """The takes of one observer on its disk: an archive of its tracks, and a note of the teaching that is not finished.
 
 Nothing is lost when the observer is killed or the disk is full: each take is written at once, completely or not at
-all; one that cannot be written waits in memory for the next attempt. Earlier takes are set aside, never deleted.
+all; one that cannot be written waits in memory for the next attempt. Takes of earlier lessons are set aside
+(`observer.teaching.earlier_takes_file`). What is to be forgotten goes also when nothing can be written.
 """
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError
 from common.message_types import LAST_INTEGER
-from common.teaching_messages import Unwanted
-from observer.files import remove_file, write_file
+from common.teaching_messages import EarlierTakes, Unwanted
+from observer.files import PRIVATE, make_private, remove_file, write_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
+from observer.teaching.earlier_takes_file import EarlierSets, TakesSet
 
 WAY_OUT = "Free some space on that disk; the take waits in memory"
 
@@ -33,25 +35,53 @@ class TakesFile:
         self, path: Path, body_parts: Sequence[str], camera: TracksCamera, earlier: Path | None = None
     ) -> None:
         self.path, self._parts, self._camera, self._earlier = path, tuple(body_parts), camera, earlier or path
-        self._note, self._before = path.with_suffix(".json"), path.with_suffix(".before.npz")
+        self._set, self._sets = TakesSet(path), EarlierSets(path)
         self._file: TracksFile | None = None
         self._waiting: list[Recording] = []
+        self._restored = ""
+        for each in (self._set, *self._sets.sets.values()):
+            # They may be of a version that let everybody read them.
+            make_private(each.path)
+            make_private(each.note)
 
-    def start(self, labels: Sequence[str], *, add: bool) -> None:
+    def start(self, labels: Sequence[str], *, add: bool, lesson: str) -> None:
         """Begin to teach these movements, or go on with them if that was interrupted.
 
-        add: with the takes of all earlier movements; otherwise these are set aside in a file NAME.before.npz. Raises
-        BadInput for a file that cannot be used, LabanmeshError if it cannot be written.
+        add: with the takes of all earlier movements; otherwise these are set aside because `lesson`, the id of its
+        teacher, begins. Raises BadInput for a file that cannot be used, LabanmeshError if it cannot be written.
         """
-        if _unfinished(self._note) != list(labels) and not add and self.path.exists():
-            self.path.replace(self._before)
+        if self._set.unfinished != list(labels) and not add:
+            self._sets.set_aside(lesson)
+            self._sets.resume(labels)
             self._file = None
-        content = json.dumps({"labels": list(labels)})
-        write_file(self._note, content.encode(), WAY_OUT)
+            self._sets.thin_out()
+        self._write_note(labels)
 
     def finish(self) -> None:
         """The movements have been learned and adopted: the next teaching starts anew."""
-        self._note.unlink(missing_ok=True)
+        if (labels := self._set.unfinished) is not None:
+            self._sets.ended_well(labels)
+        self._set.note.unlink(missing_ok=True)
+
+    @property
+    def earlier(self) -> list[EarlierTakes]:
+        """The takes that were set aside, the newest last."""
+        return self._sets.reports()
+
+    def restore(self, wanted: str, lesson: str) -> None:
+        """Earlier takes become the takes again, and those of now are set aside; a repeated request changes nothing.
+
+        The next lesson with their movements goes on with them. Raises BadInput for an unknown id, LabanmeshError.
+        """
+        if wanted == self._restored and wanted not in self._sets.sets:
+            return
+        labels = self._sets.restore(wanted, lesson)
+        self._file, self._restored = None, wanted
+        self._sets.thin_out()
+        self._write_note(labels)
+
+    def _write_note(self, labels: Sequence[str]) -> None:
+        write_file(self._set.note, json.dumps({"labels": list(labels)}).encode(), WAY_OUT, PRIVATE)
 
     def add(self, recording: Recording) -> None:
         """Write one more take; raises LabanmeshError if the disk is full: then it waits in memory."""
@@ -75,8 +105,8 @@ class TakesFile:
         """Remove a take; returns how many there were."""
         before = len(self._waiting)
         self._waiting = [r for r in self._waiting if (r.label, r.trial) != (label, trial)]
-        removed = self._opened().remove(lambda r: (r.label, r.trial) == (label, trial))
-        return removed + before - len(self._waiting)
+        gone = before - len(self._waiting)
+        return gone + len(self._remove(self._opened(), lambda r: (r.label, r.trial) == (label, trial)))
 
     def free_take(self, label: str) -> int:
         """The number after the highest that a take of the movement has, on the disk or in memory."""
@@ -86,19 +116,48 @@ class TakesFile:
     def forget(self, unwanted: Unwanted) -> list[Recording]:
         """Remove recordings from the file, from those that were set aside or earlier, and from memory; returns them.
 
-        Raises BadInput or LabanmeshError for a file that cannot be read or written: then it is as before.
+        Raises LabanmeshError for files that cannot be read or removed; the others are without them then.
         """
         gone = [r for r in self._waiting if unwanted.covers(r.subject, r.label)]
         self._waiting = [r for r in self._waiting if not unwanted.covers(r.subject, r.label)]
-        paths = {self._before, self._earlier, self._earlier.with_suffix(".before.npz")} - {self.path}
-        old = [TracksFile(path, self._parts, self._camera) for path in sorted(paths) if path.exists()]
-        for file in (self._opened(), *old):
-            gone += [r for r in file.recordings if unwanted.covers(r.subject, r.label)]
-            file.remove(lambda r: unwanted.covers(r.subject, r.label))
-        for note in {self._note, self._earlier.with_suffix(".json")}:
-            if unwanted.everything or unwanted.label in (_unfinished(note) or ()):
-                remove_file(note)
+        old = EarlierSets(self._earlier).sets.values()
+        faults = []
+        for each in dict.fromkeys((self._set, TakesSet(self._earlier), *self._sets.sets.values(), *old)):
+            try:
+                gone += self._forget_in(each, unwanted)
+            except LabanmeshError as error:
+                faults.append(str(error))
+        if faults:
+            raise LabanmeshError("; ".join(sorted(faults)))
         return gone
+
+    def _forget_in(self, takes: TakesSet, unwanted: Unwanted) -> list[Recording]:
+        is_current = takes.path == self.path
+        if unwanted.everything:
+            # Also what cannot be read.
+            gone = takes.archive.recordings if takes.archive else ()
+            takes.remove()
+            self._file = None if is_current else self._file
+            return list(gone)
+        removed: Sequence[Recording] = ()
+        if takes.path.exists():
+            file = self._opened() if is_current else TracksFile(takes.path, self._parts, self._camera, PRIVATE)
+            removed = self._remove(file, lambda r: unwanted.covers(r.subject, r.label))
+        if unwanted.label in (takes.unfinished or ()):
+            remove_file(takes.note)
+        return list(removed)
+
+    def _remove(self, file: TracksFile, unwanted: Callable[[Recording], bool]) -> list[Recording]:
+        """Remove recordings from a file; if nothing can be written in its place, what stays waits in memory."""
+        recordings = file.recordings
+        try:
+            file.remove(unwanted)
+        except LabanmeshError:
+            if file.archive is not None or file is not self._file:
+                raise
+            staying = [in_parts(r, file.body_parts, self._parts) for r in recordings if not unwanted(r)]
+            self._waiting = [*staying, *self._waiting]
+        return [r for r in recordings if unwanted(r)]
 
     def take(self, label: str, trial: str) -> Recording | None:
         """A take, on the disk or in memory, with the parts of this observer; None if there is none."""
@@ -144,14 +203,6 @@ class TakesFile:
 
     def _opened(self) -> TracksFile:
         if self._file is None:
-            self._file = TracksFile(self.path, self._parts, self._camera)
+            self._file = TracksFile(self.path, self._parts, self._camera, PRIVATE)
             self._file.widen(self._parts)
         return self._file
-
-
-def _unfinished(note: Path) -> list[str] | None:
-    """The movements of a teaching that is not finished; None: there is none."""
-    with suppress(OSError, ValueError, TypeError, AttributeError):
-        labels = json.loads(note.read_text(encoding="utf-8")).get("labels")
-        return [str(label) for label in labels]
-    return None

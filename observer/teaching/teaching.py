@@ -31,7 +31,7 @@ from common.teaching_messages import (
     require_person,
 )
 from common.vocabulary import LABEL, Vocabulary, require_teachable
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, Recording
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching.corrections import Corrector
 from observer.teaching.interfaces import Learner, Takes
@@ -39,8 +39,11 @@ from observer.teaching.take_recorder import TakeRecorder, fault_line
 from observer.tracks import Tracks
 
 TEACHER_S = 10.0
-LOOKING = ("status", "show")
+LOOKING = ("status", "show", "earlier")
 """Commands that every teacher may send at any time."""
+EARLIER = ("earlier", "restore")
+DELETING = ("drop", "forget", "leave")
+"""Commands that are obeyed also when takes wait in memory for space on the disk."""
 NO_PICTURES_S = 2.0
 
 
@@ -94,15 +97,18 @@ class Teaching:
             if request.teacher == self._teacher:
                 self._asked_s = now_s
             try:
-                self._takes.write_waiting()
+                if request.command not in DELETING:
+                    self._takes.write_waiting()
                 fault = self._do(request, now_s)
+                self._takes.write_waiting()
             except LabanmeshError as error:
                 fault = fault_line(error)
         shows = request.command == "show" and (request.label or self._sees(now_s))
         tracks = self._recording.shown(request) if shows else None
         if shows and request.label and tracks is None:
             fault = f"there is no take {request.take} of {request.label}"
-        return self._reply(fault, now_s, labels, tracks)
+        reply = self._reply(fault, now_s, labels, tracks)
+        return reply.model_copy(update={"earlier": self._takes.earlier}) if request.command in EARLIER else reply
 
     def recorded(self) -> MotionArchive | None:
         """A snapshot of all takes on the disk, for `check`, which takes too long for the thread of the frames."""
@@ -114,7 +120,7 @@ class Teaching:
             return f"another `labanmesh teach` is at work with this observer; end it, or wait {TEACHER_S:g} s"
         if request.command in ("start", "correct") and self._refusal:
             return self._refusal
-        if request.command in ("correct", "forget") and self._learner.busy:
+        if request.command in ("correct", "forget", "restore") and self._learner.busy:
             return "learns now; ask again when it has ended"
         return ""
 
@@ -125,7 +131,7 @@ class Teaching:
                 Vocabulary(tuple(request.labels))
                 self._recording.forget()
                 self._learner.fault = ""
-                self._takes.start(request.labels, add=request.add)
+                self._takes.start(request.labels, add=request.add, lesson=request.teacher)
             case "begin":
                 require_teachable(filter(None, [request.label]))
                 require_person(request.person)
@@ -151,6 +157,9 @@ class Teaching:
                 self._corrected = self._corrector.correct(request)
             case "forget":
                 self._forgotten = self._forget(request)
+            case "restore":
+                self._recording.forget()
+                self._takes.restore(request.earlier, request.teacher)
             case "leave" if request.teacher == self._teacher:
                 self._recording.abandon()
                 self._asked_s = float("-inf")
@@ -161,10 +170,22 @@ class Teaching:
         self._recording.forget()
         self._corrector.forget()
         self._recorder.forget()
-        gone = self._takes.forget(unwanted)
-        models = self._learner.forget(unwanted, in_force=request.models or request.everything)
+        models, clips, gone, faults = 0, 0, list[Recording](), []
+        # What one of them cannot remove keeps nothing else.
+        try:
+            gone = list(self._takes.forget(unwanted))
+        except LabanmeshError as error:
+            faults.append(fault_line(error))
+        try:
+            models = self._learner.forget(unwanted, in_force=request.models or request.everything)
+        except LabanmeshError as error:
+            faults.append(fault_line(error))
+        if request.clips:
+            clips = self._delete_clips(request.label)
+        if faults:
+            raise LabanmeshError("; ".join(faults))
         return ForgottenReport(
-            clips=self._delete_clips(request.label) if request.clips else 0,
+            clips=clips,
             takes=sum(bool(r.label) for r in gone),
             other_s=sum(len(r.positions) / r.rate_hz for r in gone if not r.label),
             models=models,

@@ -1,9 +1,9 @@
 """A camera, an observer or a disk fails within a lesson: it is said at once, and nothing taken is lost."""
 
-import contextlib
 import sys
 
 import pytest
+from fault_disk import fill
 from fault_film import film
 from fault_processes import Process
 from fault_stage import HERE
@@ -51,15 +51,6 @@ def home(tmp_path, small_disk):
     yield processes, tmp_path
     for each in processes.values():
         each.kill()
-
-
-def fill(disk):
-    """Take all the space that is left."""
-    filler = disk / "filler"
-    with filler.open("wb", buffering=0) as output, contextlib.suppress(OSError):
-        while True:
-            output.write(bytes(512))
-    return filler
 
 
 @pytest.mark.parametrize("small_disk", [4096], indirect=True)

@@ -9,11 +9,12 @@ import labanmesh
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.messages import Agreement, VerdictMessage, VocabularyReference
-from common.teaching_messages import CorrectedReport, ForgottenReport, LearnedReport, TeachReply, Unwanted
+from common.teaching_messages import CorrectedReport, EarlierTakes, ForgottenReport, LearnedReport, TeachReply, Unwanted
 from hub.teaching.correcting import Correction, correct, learn_corrections
 from hub.teaching.forgetting import forget, untouched_line
 from hub.teaching.moments import correction_of
 from hub.teaching.participants import Participants
+from hub.teaching.restoring import list_earlier, restore
 
 NOON = datetime(2026, 11, 22, 12, 0, 0, tzinfo=UTC)
 NOON_NS = round(NOON.timestamp() * SECOND_NS)
@@ -27,7 +28,7 @@ class Observer:
     def __init__(self, fault="", people=None, labels=("wave", "clap")):
         self.fault, self.labels, self.learned, self.examples, self.asked = fault, list(labels), None, {}, []
         self.people = {"anna": ["wave", "clap"]} if people is None else people
-        self.in_model, self.was_removed = set(self.people), False
+        self.in_model, self.was_removed, self.earlier = set(self.people), False, []
 
     @property
     def takes(self):
@@ -52,9 +53,11 @@ class Observer:
                 self.labels, self.learned, self.in_model = self.learned.labels, None, set(self.people)
             case "forget":
                 forgotten = self._forget(request)
+            case "restore":
+                fault = self.fault
         return TeachReply(
             state="learned" if self.learned else "idle", fault=fault, pictures=True, takes=self.takes,
-            labels=self.labels, learned=self.learned, corrected=corrected, forgotten=forgotten,
+            labels=self.labels, learned=self.learned, corrected=corrected, forgotten=forgotten, earlier=self.earlier,
             persons={name: dict.fromkeys(labels, 1) for name, labels in self.people.items()},
         )  # fmt: skip
 
@@ -234,3 +237,27 @@ def test_what_is_not_forgotten_is_said_with_the_way_out():
         "not touched: clips of verdicts by sofa (--clips), and files"
     )
     assert "clips" not in untouched_line(["sofa"], clips=True) and "capture" in untouched_line([], clips=False)
+
+
+def test_earlier_takes_are_listed_and_restored_on_every_observer_that_has_them():
+    participants, interface = participants_of(sofa=Observer(), shelf=Observer(), door=Observer())
+    list_earlier(participants, "s.toml")
+    assert interface.lines == ["no takes were set aside"]
+    best = EarlierTakes(id="l1", takes={"wave": 5, "clap": 1}, labels=["clap", "wave"], other_s=61.0, at_ns=NOON_NS)
+    interface.observers["sofa"].earlier = [best, EarlierTakes(id="l2", takes={"nod": 1}, at_ns=NOON_NS + SECOND_NS)]
+    interface.observers["shelf"].earlier = [EarlierTakes(id="l1", at_ns=NOON_NS)]
+    list_earlier(participants, "s.toml")
+    newest, other, hint = interface.lines[1:]
+    assert newest.startswith("l2, set aside on 22 November at ") and newest.endswith(": sofa: 1 take of nod")
+    assert other.startswith("l1, ") and ", lesson not finished: sofa: 5 takes of wave, 1 take of clap, 61 s" in other
+    assert other.endswith("; shelf: cannot be read") and hint.endswith("labanmesh teach s.toml --restore ID")
+    with pytest.raises(BadInput, match="--restore l9: no observer has such takes; known: l1, l2"):
+        restore(participants, "l9", "s.toml")
+    restore(participants, "l1", "s.toml")
+    assert interface.lines[-1] == "restored by sofa, shelf; go on with them: labanmesh teach s.toml clap wave"
+    assert [[r.earlier for r in each.asked if r.command == "restore"] for each in interface.observers.values()] == [
+        ["l1"], ["l1"], []
+    ]  # fmt: skip
+    interface.observers["shelf"].fault = "learns now"
+    with pytest.raises(LabanmeshError, match="not restored by shelf: the lines above say why"):
+        restore(participants, "l1", "s.toml")

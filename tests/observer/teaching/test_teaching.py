@@ -224,7 +224,10 @@ def test_an_observer_that_is_killed_goes_on_where_it_stopped(room):
     # Learned: the next teaching begins anew, but nothing is deleted; or the old takes are kept.
     assert room.ask("start", labels=["nod", "bow"], add=True).takes == {"wave": [1], "clap": [1]}
     assert room.ask("start", labels=["nod", "shake"]).takes == {}
-    assert {r.label for r in read_archive(room.path.with_suffix(".before.npz")).recordings} == {"wave", "clap"}
+    (earlier,) = room.ask("earlier").earlier
+    assert earlier.takes == {"wave": 1, "clap": 1} and room.ask("status").earlier == []
+    assert "known: anna" in room.ask("restore", earlier="x").fault
+    assert room.ask("restore", teacher="anna", earlier=earlier.id).takes == {"wave": [1], "clap": [1]}
 
 
 def test_takes_of_another_tracker_stay_with_what_they_have(tmp_path):
@@ -252,8 +255,14 @@ def test_a_full_disk_loses_no_take(room, monkeypatch):
     report = room.perform("wave", 2)
     assert report.state == "failed" and report.fault.endswith("no space left on device")
     assert "no space left" in room.ask("status").fault
+    # What is to be deleted goes all the same, and the teacher may leave.
+    assert "no space left" in room.ask("drop", label="wave", take=1).fault and not room.path.exists()
+    assert "no space left" in room.ask("leave").fault and room.ask("status", teacher="ben").fault
     monkeypatch.undo()
-    assert room.ask("status").takes == {"wave": [1, 2]} and len(read_archive(room.path).recordings) == 2
+    assert room.ask("status").takes == {"wave": [2]} and len(read_archive(room.path).recordings) == 1
+    monkeypatch.setattr(files.os, "fsync", full)
+    room.ask("start", labels=["wave", "clap"]), room.perform("wave", 3)
+    assert room.ask("forget", label="wave").forgotten.takes == 2 and not room.path.exists()
 
 
 def test_one_teacher_at_a_time(room):
@@ -400,6 +409,6 @@ def test_a_person_or_a_label_is_forgotten_in_all_files_and_in_memory(room):
     reply = room.ask("forget", person="anna")
     assert reply.forgotten.takes == 2 and reply.forgotten.in_model and reply.other_s == pytest.approx(3, abs=0.3)
     assert [r.subject for r in read_archive(room.path).recordings] == ["ben"]
-    assert not room.path.with_suffix(".before.npz").exists()
+    assert room.ask("earlier").earlier == []
     assert room.ask("forget", everything=True).forgotten.other_s > 2 and list(room.path.parent.iterdir()) == []
     assert room.learner.forgotten == [False, False, True]
