@@ -64,7 +64,7 @@ def test_pictures_depend_on_the_arguments_and_the_seed_only(background):
 
 @pytest.mark.parametrize("yaw_deg", [0, 45, -45, 20])
 def test_hands_are_drawn_at_their_projections(yaw_deg):
-    for seed in range(6):
+    for seed in range(3):
         view = renderer(yaw_deg, seed=seed)
         centres, _ = blobs(view.picture(APART, 0))
         wanted = project(camera(yaw_deg), APART)
@@ -107,7 +107,7 @@ def test_head_hands_and_trunk_have_human_sizes():
     assert 0.3 < hand / px_per_metre**2 / (np.pi * 0.045 * 0.09) < 1.25  # it may point to the camera
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", range(4))
 def test_only_skin_has_the_colour_of_skin(seed):
     appearance = appearance_of(seed)
     assert (np.min(SKIN_TONES, axis=0) <= appearance.skin).all() and (
@@ -251,5 +251,5 @@ def test_opencvs_cascade_finds_the_face():
         view = Renderer(camera(size=size), size, Scenery(noise=3.0), seed, standing=STANDING)
         grey = cv2.cvtColor(view.picture(APART, 0), cv2.COLOR_BGR2GRAY)[:360, 400:880]
         u, v = project(camera(size=size), APART)[HEAD] - (400, 0)
-        detected += any(x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3))
+        detected += any(x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3, minSize=(40, 40)))
     assert detected >= 4
