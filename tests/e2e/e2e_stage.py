@@ -1,5 +1,6 @@
 """What end-to-end tests share: our command line as processes, scene files, and messages from the mesh."""
 
+import json
 import socket
 import subprocess
 import threading
@@ -50,6 +51,16 @@ def write_scene(path, endpoint, observers, mesh=""):
 def played(*names, more="", motion="motion.npz"):
     """The sections of observers that see recorded motion; more: further lines of each."""
     return {name: f'source = "{motion}"\nview = "{VIEWS[name]}"\n{more}' for name in names or VIEWS}
+
+
+def findings_in(report):
+    """The findings of a report of the doctor (JSON), as (mark, what, to do)."""
+    return [(each["mark"], each["what"], each["to_do"]) for each in json.loads(report)["findings"]]
+
+
+def marks(findings, words):
+    """The marks of all findings that hold `words`."""
+    return {mark for mark, what, to_do in findings if words in f"{what} -> {to_do}"}
 
 
 def messages(inbox, kind, count):

@@ -1,61 +1,49 @@
-"""`labanmesh doctor` as a process: a healthy scene; a taken port and a missing model; an old peer; what init writes."""
+"""`labanmesh doctor`: a taken port and a missing model; an old peer; what init writes. Of health: test_up.py."""
 
-import json
+import contextlib
 import socket
 import time
 
 import pytest
-from e2e_stage import SOON_S, free_endpoint, played, run, started, write_scene
-from processes import labanmesh
+from e2e_stage import findings_in, marks, played, write_scene
 
 from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import StatusMessage
 from common.wire import encode
+from labanmesh import main
 
 LOST = 'model = "lost.model"\n'
 
 
 @pytest.fixture
-def doctor(stage):
+def labanmesh(stage, capsys):
+    """A command in this process: its exit status, output and errors."""
+
+    def call(*words):
+        with contextlib.chdir(stage):
+            status = main(list(map(str, words)))
+        return status, *capsys.readouterr()
+
+    return call
+
+
+@pytest.fixture
+def doctor(labanmesh):
     """The doctor's exit status, findings as (mark, what, to do), and seconds."""
 
     def examine(*words):
         began_s = time.monotonic()
-        done = run(stage, "doctor", *words, "--json")
-        assert done.stdout, done.stderr
-        findings = [(each["mark"], each["what"], each["to_do"]) for each in json.loads(done.stdout)["findings"]]
-        return done.returncode, findings, time.monotonic() - began_s
+        status, out, err = labanmesh("doctor", *words, "--json")
+        assert out, err
+        return status, findings_in(out), time.monotonic() - began_s
 
     return examine
-
-
-def marks(findings, words):
-    """The marks of all findings that hold `words`."""
-    return {mark for mark, what, to_do in findings if words in f"{what} -> {to_do}"}
 
 
 def scene_file(path, endpoint, mesh="", wheel=""):
     observers = played("door", "wheel", more="loop = true\n")
     return write_scene(path, endpoint, {**observers, "wheel": observers["wheel"] + wheel}, mesh)
-
-
-def test_a_healthy_scene(stage, doctor):
-    path = scene_file(stage / "healthy.toml", free_endpoint())
-    scene = read_scene(path, {})
-    with Link.open(scene.mesh, "hub") as hub:
-        judgements = hub.inbox(scene.keys.judgement)
-        with started(stage, labanmesh("up", path)) as up:
-            alive = hub.presence(f"{scene.keys.root}/**/alive")
-            assert alive.wait_for(3, SOON_S) and judgements.take(SOON_S)
-            status, findings, _ = doctor(path)
-            up.terminate()
-            up.communicate(timeout=SOON_S)
-    assert status == 0 and "error" not in {mark for mark, *_ in findings}, findings
-    running = [f"{name}: running" for name in ("door", "wheel", "fusion service fusion")]
-    for words in ("Zenoh answers", "judgements in", *running):
-        assert marks(findings, words) == {"ok"}, findings
-    assert marks(findings, "vocabulary of the models: lunging, byebye, nthrow, stretch") == {"ok"}
 
 
 def test_a_port_that_is_taken_and_a_model_that_is_missing(stage, doctor):
@@ -89,19 +77,19 @@ def test_a_peer_of_another_version_and_observers_of_other_machines(stage, doctor
             assert not marks(findings, "lost.model") and marks(findings, "door: motion.npz") == {"ok"}
 
 
-def test_for_people_it_is_a_page_and_bad_input_is_status_2(stage, doctor, tmp_path):
-    done = run(stage, "doctor")
-    assert done.returncode == 0 and done.stdout.startswith("this machine\n  ok       labanmesh")
-    no_such = run(stage, "doctor", tmp_path / "no.toml")
-    assert no_such.returncode == 2 and no_such.stderr.count("\n") == 1 and "labanmesh init" in no_such.stderr
+def test_for_people_it_is_a_page_and_bad_input_is_status_2(labanmesh, doctor, tmp_path):
+    status, out, _ = labanmesh("doctor")
+    assert status == 0 and out.startswith("this machine\n  ok       labanmesh")
+    status, _, err = labanmesh("doctor", tmp_path / "no.toml")
+    assert status == 2 and err.count("\n") == 1 and "labanmesh init" in err
     (tmp_path / "bad.toml").write_text('scene = "A B"\n[observers.a]\nsource = "0"\n')
     status, findings, _ = doctor(tmp_path / "bad.toml")
     assert status == 1 and marks(findings, "A B") == {"error"}
 
 
-def test_what_init_writes_lacks_its_model_alone(stage, doctor, tmp_path):
-    done = run(stage, "init", tmp_path / "dojo.toml")
-    assert done.returncode == 0, done.stderr
+def test_what_init_writes_lacks_its_model_alone(labanmesh, doctor, tmp_path):
+    status, _, err = labanmesh("init", tmp_path / "dojo.toml")
+    assert status == 0, err
     _, findings, _ = doctor(tmp_path / "dojo.toml", "--for", "0.5")
     errors = [what for mark, what, _ in findings if mark == "error" and what.startswith("cam1: ")]
     assert marks(findings, "cam1.model: no such model file -> teach it while it runs: labanmesh teach") == {"warning"}

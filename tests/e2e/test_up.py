@@ -5,7 +5,19 @@ import signal
 from pathlib import Path
 
 import pytest
-from e2e_stage import MOVEMENTS, PERFORMED, SOON_S, VIEWS, free_endpoint, played, run, started, write_scene
+from e2e_stage import (
+    MOVEMENTS,
+    PERFORMED,
+    SOON_S,
+    VIEWS,
+    findings_in,
+    free_endpoint,
+    marks,
+    played,
+    run,
+    started,
+    write_scene,
+)
 from processes import labanmesh
 
 from common.config import read_scene
@@ -47,7 +59,7 @@ def test_a_scene_is_played_judged_and_ends_by_itself(scene):
     assert {verdict.id for verdict in verdicts if verdict.ended_ns is not None} == set(labels)
 
 
-def test_a_killed_observer_comes_back_and_sigterm_ends_all(stage, scene):
+def test_a_running_scene_is_healthy_a_killed_observer_comes_back_and_sigterm_ends_all(stage, scene):
     read, path = scene("loop = true\n")
     status_key = read.keys.observer_status("wheel")
     with Link.open(read.mesh, "hub") as hub:
@@ -59,6 +71,8 @@ def test_a_killed_observer_comes_back_and_sigterm_ends_all(stage, scene):
             vocabulary = decode(VocabularyMessage, hub.ask(read.keys.vocabulary, SOON_S)[read.keys.vocabulary])
             assert set(vocabulary.labels) == {*MOVEMENTS}
             assert decode(StatusMessage, hub.ask(status_key, SOON_S)[status_key]).id == "wheel"
+            examined = run(path.parent, "doctor", path, "--json")
+            assert_healthy(examined.returncode, findings_in(examined.stdout))
             kill_child(process.pid, "wheel")
             assert any("wheel ended with status -9" in line for line in process.stderr)
             assert alive.wait_for(len(VIEWS) + 1, SOON_S)
@@ -66,6 +80,15 @@ def test_a_killed_observer_comes_back_and_sigterm_ends_all(stage, scene):
             process.communicate(timeout=SOON_S)
             assert process.returncode == 0
         assert alive.wait_for(0, SOON_S)
+
+
+def assert_healthy(status, findings):
+    """That the doctor has no error to report."""
+    assert status == 0 and "error" not in {mark for mark, *_ in findings}, findings
+    running = [f"{name}: running" for name in ("door", "wheel", "fusion service fusion")]
+    for words in ("Zenoh answers", "judgements in", *running):
+        assert marks(findings, words) == {"ok"}, findings
+    assert marks(findings, "vocabulary of the models: lunging, byebye, nthrow, stretch") == {"ok"}
 
 
 def kill_child(parent, observer):

@@ -251,5 +251,7 @@ def test_opencvs_cascade_finds_the_face():
         view = Renderer(camera(size=size), size, Scenery(noise=3.0), seed, standing=STANDING)
         grey = cv2.cvtColor(view.picture(APART, 0), cv2.COLOR_BGR2GRAY)[:360, 400:880]
         u, v = project(camera(size=size), APART)[HEAD] - (400, 0)
-        detected += any(x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3, minSize=(40, 40)))
+        detected += any(
+            x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3, minSize=(40, 40))
+        )
     assert detected >= 4
