@@ -15,8 +15,8 @@ import logging
 
 from common.config import Scene
 from common.keys import observer_of as service_of
-from common.message_types import SAME_ID_REASON
-from common.messages import JudgementMessage
+from common.message_types import OVERLOADED, SAME_ID_REASON
+from common.messages import JudgementMessage, ProcessState
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
@@ -271,15 +271,19 @@ class SceneMember:
         if self._id_is_shared:
             reason = SAME_ID_REASON
         elif self.role is Role.OWNER:
-            reason = ASKING if self.worker is None else ""
+            reason = ASKING if self.worker is None else self.worker.complaint
         else:
             owner = self.ownership.owner
             reason = f"standing by for {owner}" if owner else "standing by"
         if reason != self._reason:
             first, self._reason = self._reason is None, reason
-            self._status_publisher.set_state("starting" if reason == ASKING else "running", reason)
+            state: ProcessState = "starting" if reason == ASKING else "running"
+            if OVERLOADED in reason:
+                state = "degraded"
+            self._status_publisher.set_state(state, reason)
             if reason or not first:
-                log.info("%s: %s", self.scene.scene, reason or "publishing")
+                level = logging.WARNING if state == "degraded" else logging.INFO
+                log.log(level, "%s: %s", self.scene.scene, reason or "publishing")
 
     def _new_engine(self, vocabulary: Vocabulary) -> FusionEngine:
         config = self.scene.fusion.model_copy(update={"id": self._service.own})

@@ -4,11 +4,13 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from common import SECOND_NS
 from common.clock_skew import ClockQuerier
 from common.config import Scene
 from common.inbox import Arrival
 from common.keys import observer_of
 from common.link import Link, Publisher
+from common.load import LoadMeter
 from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
 from common.status import ProcessStatus
@@ -23,6 +25,7 @@ from fusion.publisher import Reachability, VerdictPublisher
 from fusion.reconciliation import UnreconciledMovement
 
 log = logging.getLogger("labanmesh.fusion")
+WAY_OUT = "find out who sends so many (labanmesh doctor), or run fuse on a faster machine"
 RECEPTION_TIMEOUT_S = 0.3
 """A service that has received no posterior for so long is disconnected itself, rather than the owner silent."""
 
@@ -115,8 +118,14 @@ class SceneWorker:
         self._received_s = service.ticks()
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
+        self._load = LoadMeter("posteriors", WAY_OUT)
         self.fuses = self.owns = self.restored = False
         self.epoch = 0
+
+    @property
+    def complaint(self) -> str:
+        """That more posteriors arrive than can be read, and what to do; "" if all is well."""
+        return self._load.complaint
 
     @property
     def at_rest(self) -> bool:
@@ -133,6 +142,7 @@ class SceneWorker:
         arrivals = arrivals or self._posteriors.take()
         self._received_s = self._ticks() if arrivals else self._received_s
         read = newest(arrivals)
+        self._load.record(round(self._ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
         if read:
             self._ingest.take(*read)
         if self._present.alive is not self._alive:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from observer.runtime.service import HealthReporter, ObserverLike
 
 log = logging.getLogger("labanmesh.observer")
+WAY_OUT = "try smaller pictures (size_px), a lower rate_hz, a lighter tracker or another machine"
+"""For an observer that is too slow for its source."""
 
 
 def observe(
@@ -110,18 +112,18 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
 
 def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs") -> "ObserverLike":
     """The observer, which complains while it is too slow; pictures in real time are tracked only when needed."""
-    from observer.runtime.load import LoadMeter
+    from common.load import LoadMeter
     from observer.runtime.service import MeteredObserver
 
     if inputs.keeps_all or not inputs.pictures:
-        return MeteredObserver(observer, LoadMeter())
+        return MeteredObserver(observer, LoadMeter("frames", WAY_OUT))
     # Imported on use: it needs OpenCV.
     from observer.runtime.paced_observer import Heartbeats, PacedObserver
     from observer.runtime.pacing import PaceLimits, TrackingPace
 
     section = scene.observer(observer_id)
     pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
-    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures"))
+    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures", WAY_OUT))
 
 
 def _preview_in(scene: "Scene", observer: str) -> str:

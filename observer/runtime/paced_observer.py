@@ -11,8 +11,8 @@ import numpy as np
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.load import LoadMeter
 from observer.camera.base import Picture
-from observer.runtime.load import LoadMeter
 from observer.runtime.motion_gate import COLUMNS, ROWS, Cells, MotionGate
 from observer.runtime.pacing import TrackingPace
 from observer.runtime.pipeline import Posterior

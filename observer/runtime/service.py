@@ -14,11 +14,11 @@ from common.config import Scene
 from common.health import ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
 from common.link import Link, Publisher
+from common.load import LoadMeter
 from common.messages import ProcessState, StatusMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
-from observer.runtime.load import LoadMeter
 from observer.runtime.pipeline import Posterior, PosteriorEncoder, SendOnChange
 from observer.tracks import Frame, FrameSource
 
@@ -134,8 +134,8 @@ class MeteredObserver:
 
     @property
     def complaint(self) -> str:
-        """The complaint of the observer or, if it has none, that it is too slow."""
-        return self._observer.complaint or self._meter.complaint
+        """That the observer is too slow, which explains much else; or its own complaint."""
+        return self._meter.complaint or self._observer.complaint
 
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame."""

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common import SECOND_NS
+from common.load import LoadMeter
 from observer.camera.opening import open_pictures
-from observer.runtime.load import LoadMeter
 from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
 from observer.runtime.paced_observer import Heartbeats, PacedObserver, cells_of
 from observer.runtime.pacing import (
@@ -153,9 +153,14 @@ class Recorder:
 
 def paced(tracker, shown):
     """What an observer with this tracker publishes of each picture; None: skipped."""
-    prepared = PreparedTracker(tracker, tracker.body_parts)
+    prepared, meter = PreparedTracker(tracker, tracker.body_parts), LoadMeter("pictures", "")
     observer = PacedObserver(
-        Recorder(prepared), prepared, TrackingPace(), Heartbeats(0.1, 0.5), LoadMeter(), lambda: tracker.spent_s
+        Recorder(prepared),
+        prepared,
+        TrackingPace(),
+        Heartbeats(0.1, 0.5),
+        meter,
+        lambda: tracker.spent_s,
     )
     return [observer.step(Frame(at(n), content, last=n == len(shown) - 1)) for n, content in enumerate(shown)]
 

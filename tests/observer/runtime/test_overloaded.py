@@ -1,18 +1,17 @@
 """When an observer says that it is too slow for its source."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from common import SECOND_NS
-from observer.runtime.load import LoadMeter
+from common.load import LoadMeter
 from observer.runtime.paced_observer import Heartbeats, PacedObserver
 from observer.runtime.pacing import TrackingPace
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.service import MeteredObserver
 from observer.tracks import Frame, Tracks
 
+ADVICE = "another machine helps"
 RATE, PICTURE = 30, np.zeros((48, 64, 3), np.uint8)
 PERSON = np.array([[100.0, 200.0], [200.0, 200.0], [150.0, 50.0]])
 
@@ -46,7 +45,7 @@ class Slow:
 
 def said(step_s, seconds=20):
     slow = Slow(step_s)
-    return complaints(MeteredObserver(slow, LoadMeter()), seconds, lambda: slow.elapsed_s)
+    return complaints(MeteredObserver(slow, LoadMeter("frames", ADVICE)), seconds, lambda: slow.elapsed_s)
 
 
 def said_paced(step_s, cost_s, seconds=20):
@@ -64,7 +63,7 @@ def said_paced(step_s, cost_s, seconds=20):
         return slow.spent_s
 
     prepared = PreparedTracker(slow, slow.body_parts)
-    meter = LoadMeter("pictures")
+    meter = LoadMeter("pictures", ADVICE)
     observer = PacedObserver(Observer(), prepared, TrackingPace(), Heartbeats(0.1, 0.5), meter, spent_s)
     return complaints(observer, seconds, lambda: slow.elapsed_s)
 
@@ -99,8 +98,3 @@ def test_a_tracker_that_rests_between_its_runs_is_not_too_slow():
     assert set(said_paced(0.11, cost_s=0.05)) == {""}, "beside other work, too"
     words = said_paced(0.4, cost_s=0.05)[-1].split()
     assert words[0] == "uses" and 2 < float(words[1]) <= 2.5 and 6 < float(words[3]) <= 8, "wanted are 8 of the 30"
-
-
-def test_a_complaint_of_the_tracker_comes_first():
-    observer = MeteredObserver(SimpleNamespace(complaint="it is dark"), LoadMeter())
-    assert observer.complaint == "it is dark"
