@@ -99,6 +99,14 @@ def replace_file(path: Path, content: bytes | memoryview, mode: int = 0o666) -> 
         unfinished.unlink(missing_ok=True)
 
 
+def open_private(path: Path) -> int:
+    """The descriptor of an empty file that only this user may read, also if others could read it; raises OSError."""
+    number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with suppress(OSError):
+        os.fchmod(number, 0o600)
+    return number
+
+
 def sync_folder(folder: Path) -> None:
     """Write the names in `folder` to the disk: a new or renamed file is found again after a loss of power."""
     number = os.open(folder, os.O_RDONLY)

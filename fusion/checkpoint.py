@@ -19,7 +19,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from common import SECOND_NS
 from common.config import Scene
-from common.files import read_text
+from common.files import open_private, read_text
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from fusion.engine.reliability import Reliability
 
@@ -177,7 +177,7 @@ class CheckpointFile:
 
     def _replace(self, checkpoint: Checkpoint) -> None:
         """Replace the file by one with the whole checkpoint; raises OSError."""
-        with self._temporary.open("wb") as file:
+        with os.fdopen(open_private(self._temporary), "wb") as file:
             file.write(_line(checkpoint))
             file.flush()
             self._stamp = _FileStamp.of(file.fileno())

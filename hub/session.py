@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Self
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
-from common.wire import BadMessage, decode_from
+from common.wire import BadMessage, check_vocabulary, decode_from
 from hub.same_movement import SameMovement
 from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole
 
@@ -107,6 +107,8 @@ def _ingest(
     state = state.at(now_ns)
     try:
         message = decode_for_hub(keys, key, payload)
+        if isinstance(message, JudgementMessage):
+            _require_known(state, message, answered)
     except BadMessage:
         return SceneUpdate(state.reject(), answered=answered)
     if message is None or (isinstance(message, VerdictMessage) and not same.passes(message)):
@@ -115,6 +117,24 @@ def _ingest(
     role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"
     folded = state.fold(message, received_ns, role)
     return SceneUpdate(folded, None if folded is state else message, answered)
+
+
+def _require_known(state: SceneState, message: JudgementMessage, answered: bool) -> None:
+    """Raises BadMessage for labels outside of the vocabulary, and for a verdict in a vocabulary that nobody judges in.
+
+    Anybody may publish on a mesh without certificates. Verdicts of an earlier vocabulary answer the query at the start,
+    or end a movement that is known.
+    """
+    known = [each for each in (state.vocabulary, state.next_vocabulary) if each is not None]
+    for each in known:
+        if each.hash == message.vocabulary.hash:
+            check_vocabulary(message, each.vocabulary)
+            return
+    if not isinstance(message, VerdictMessage) or answered or any(each.id == message.id for each in state.verdicts):
+        return
+    judged = [] if state.judgement is None else [state.judgement.vocabulary.hash]
+    if (known or judged) and message.vocabulary.hash not in judged:
+        raise BadMessage("foreign_vocabulary", f"hash {message.vocabulary.hash}, which nobody judges in")
 
 
 @dataclass(frozen=True, slots=True)

@@ -63,6 +63,7 @@ class MqttHub:
         self._connected_once = False
         self._fault = ""
         self._unknown_movements: set[str] = set()
+        self._reported: set[str] = set()
 
     async def run(self) -> None:
         """Serve until told to stop; raises BadInput when the broker refuses the first connection for good."""
@@ -199,6 +200,11 @@ class MqttHub:
         while listener.verdicts:
             arrived = listener.verdicts.popleft()
             bridge.receive(arrived.verdict, now_s, arrived.answered)
+        if listener.state.rejected and bridge.topics.scene not in self._reported:
+            self._reported.add(bridge.topics.scene)
+            log.warning(
+                "%s: unusable messages, or verdicts of no movement, are left out and counted", bridge.topics.scene
+            )
         labels = listener.state.labels
         for label in bridge.unknown_movements(labels):
             if label in self._unknown_movements:

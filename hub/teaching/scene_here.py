@@ -9,6 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from common.errors import LabanmeshError
+from common.files import open_private
 
 START_S = 60.0
 """Trackers with a pose model take some seconds to start."""
@@ -28,7 +29,8 @@ def scene_here(
     """
     log = file.with_suffix(".log")
     try:
-        output = log.open("w", encoding="utf-8")
+        # What a home does is for this user alone.
+        output = os.fdopen(open_private(log), "w", encoding="utf-8")
     except OSError as error:
         reason = error.strerror or error
         raise LabanmeshError(f"cannot write {log}: {reason}; start the scene yourself: labanmesh up {file}") from None

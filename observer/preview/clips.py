@@ -16,7 +16,8 @@ from common import SECOND_NS
 from common.errors import LabanmeshError, reason_of
 from common.inbox import Inbox
 from common.messages import VerdictMessage
-from common.vocabulary import ABSTAIN
+from common.text import plural
+from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import BadMessage, decode_from
 from observer.preview.clip_folder import ClipFolder, clip_name
 from observer.preview.motion_jpeg import motion_jpeg
@@ -30,6 +31,8 @@ JPEG_BYTES = 80_000
 """Most bytes of one picture: with CLIP_HZ and a minute 48 MB at most."""
 CLIPS_WAITING = 8
 """Clips that may wait for a slow disk."""
+PENDING_LIMIT = 64
+"""Verdicts whose clips are not over: a clip lasts a minute at most, and nobody does a movement each second."""
 VERDICTS_KNOWN = 256
 """So many verdicts are remembered, because two fusion services may publish one."""
 CLEAN_S = 600.0
@@ -61,7 +64,9 @@ class _Clip:
 class VerdictClips:
     """Writes a clip for each decided verdict in `verdicts`; a context manager.
 
-    seconds: of the clip, before and after the verdict has arrived. clock: this machine's time, ns since the epoch.
+    seconds: of the clip, before and after the verdict has arrived. vocabulary: the observer's now; verdicts of other
+    movements are left out and counted in `left_out`, because anybody may publish on a mesh without certificates. clock:
+    this machine's time, ns since the epoch.
     """
 
     def __init__(
@@ -70,9 +75,11 @@ class VerdictClips:
         folder: ClipFolder,
         observer: str,
         seconds: tuple[float, float],
+        vocabulary: Callable[[], Vocabulary | None],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._verdicts, self._observer, self._clock = verdicts, observer, clock
+        self._verdicts, self._observer, self._vocabulary, self._clock = verdicts, observer, vocabulary, clock
+        self.left_out = 0
         self._before_ns, self._after_ns = (round(each * SECOND_NS) for each in seconds)
         self._pictures: deque[_Picture] = deque(maxlen=round(sum(seconds) * CLIP_HZ) + 2)
         self._next_ns = 0
@@ -96,6 +103,8 @@ class VerdictClips:
         self._take(self._clock())
         for verdict_id in tuple(self._pending):
             self._complete(verdict_id)
+        if self.left_out:
+            log.warning("%s: no clips of %s", self._observer, plural(self.left_out, "other verdict"))
         self._writer.close()
 
     def _take(self, now_ns: int) -> None:
@@ -110,6 +119,14 @@ class VerdictClips:
                 self._complete(verdict_id)
 
     def _note(self, verdict: VerdictMessage, arrived_ns: int) -> None:
+        vocabulary = self._vocabulary()
+        is_ours = vocabulary is not None and verdict.label in (ABSTAIN, *vocabulary.labels)
+        is_new = verdict.id not in self._known and verdict.id not in self._pending
+        if not is_ours or (is_new and len(self._pending) >= PENDING_LIMIT):
+            if not self.left_out:
+                log.warning("%s: no clips of verdicts that are of none of its movements", self._observer)
+            self.left_out += 1
+            return
         if verdict.id in self._pending and verdict.label != ABSTAIN:
             self._pending[verdict.id] = replace(self._pending[verdict.id], label=verdict.label)
         if verdict.id in self._known or verdict.label == ABSTAIN:

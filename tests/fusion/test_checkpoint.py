@@ -56,6 +56,7 @@ def path(tmp_path, checkpoint):
 
 def test_it_is_read_back_for_its_scene_alone(path, checkpoint):
     assert CheckpointFile(path).read("dojo") == checkpoint
+    assert path.stat().st_mode & 0o777 == 0o600, "what a home does is for the service's user alone"
     assert CheckpointFile(path).read("garden") is None
     assert CheckpointFile(path.with_name("none.json")).read("dojo") is None
     assert checkpoint.age_s(1030 * 10**9) == checkpoint.age_s(970 * 10**9) == 30.0
@@ -143,7 +144,9 @@ def test_on_a_full_disk_the_last_line_stays_readable(path, checkpoint, caplog, m
     file.write(moved(checkpoint, 1))
     with monkeypatch.context() as full:
         full.setattr("os.write", lambda descriptor, line, write=os.write: write(descriptor, line[:100]))
-        full.setattr("pathlib.Path.open", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+        full.setattr(
+            "fusion.checkpoint.open_private", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left"))
+        )
         for second in (2, 3):
             file.write(moved(checkpoint, second))
     assert caplog.text.count("cannot be written: no space left") == 1

@@ -4,6 +4,7 @@ from itertools import count
 
 import pytest
 
+from common.messages import VocabularyReference
 from common.wire import encode
 from hub.session import listen
 
@@ -18,6 +19,10 @@ def looks(number):
 
 def pairs(**messages):
     return [(f"{ROOT}/{key.replace('__', '/')}", encode(message)) for key, message in messages.items()]
+
+
+def in_vocabulary(message, digest):
+    return message.model_copy(update={"vocabulary": VocabularyReference(name="other", hash=digest)})
 
 
 def last(updates):
@@ -85,3 +90,26 @@ def test_an_unknown_vocabulary_is_queried_until_it_is_answered(scene, make, fake
         next(states)
     link.answers = pairs(vocabulary=make.vocabulary())
     assert last(states).labels and link.queries.count(f"{ROOT}/vocabulary") <= 3
+
+
+def test_a_verdict_of_no_movement_is_rejected_and_counted(scene, make, fake_link):
+    foreign = in_vocabulary(make.verdict(3, label="forged"), "0" * 16)
+    forged = [make.verdict(1, label="forged"), make.verdict(2, revises="forged", stage="revised"), foreign]
+    forged += [make.judgement(2, make.NOON + 1, label="forged"), make.judgement(3, make.NOON + 2, p=(0.5, 0.5))]
+    good = [make.verdict(4), make.verdict(5, label="abstain")]
+    arrivals = [(f"{ROOT}/{'verdict' if hasattr(each, 'id') else 'judgement'}", encode(each)) for each in forged + good]
+    link = fake_link(pairs(vocabulary=make.vocabulary(), judgement=make.judgement()), arrivals)
+    updates = list(listen(scene, link, looks(1)))
+    state = updates[-1].state
+    assert [each.id for each in state.verdicts] == ["v5", "v4"] and state.rejected == len(forged)
+    assert state.judgement.label == "nthrow" and {getattr(each.message, "id", "v4") for each in updates} == {"v4", "v5"}
+
+
+def test_a_verdict_of_the_vocabulary_before_is_known_to_late_joiners_and_ends(scene, make, fake_link):
+    old = make.verdict(1)
+    ended = make.verdict(1, at_ns=make.NOON + 1, ended_ns=make.NOON + 1, stage="ended")
+    new = make.vocabulary(("wave", "point"))
+    judgement = in_vocabulary(make.judgement(1, p=(0.5, 0.5), label="wave", votes={}), new.hash)
+    link = fake_link(pairs(vocabulary=new, judgement=judgement, verdict=old), pairs(verdict=ended))
+    state = last(listen(scene, link, looks(1)))
+    assert state.rejected == 0 and state.verdicts[0].ended_ns == make.NOON + 1

@@ -14,11 +14,12 @@ from common.inbox import Inbox
 from common.keys import SceneKeys
 from common.messages import Agreement, VerdictMessage, VocabularyReference
 from common.picture_message import PICTURE_SIDE_PX
+from common.vocabulary import Vocabulary
 from common.wire import encode
 from observer.camera.files import Video
 from observer.preview import clip_folder
 from observer.preview.clip_folder import DAY_NS, MB, ClipFolder, clip_name
-from observer.preview.clips import VerdictClips
+from observer.preview.clips import PENDING_LIMIT, VerdictClips
 from observer.preview.motion_jpeg import motion_jpeg
 from observer.preview.shown_pictures import PicturedObserver
 from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
@@ -27,7 +28,8 @@ from observer.tracks import BODY_PARTS, Frame, Tracks
 
 START_NS = 1_800_000_000 * SECOND_NS
 GENERATOR = np.random.default_rng(0)
-VOCABULARY = VocabularyReference(name="", hash="h")
+NAMES = Vocabulary(("wave", "point"))
+VOCABULARY = VocabularyReference(name="", hash=NAMES.digest)
 HANDS = Tracks(np.array([[400.0, 300.0], [np.nan, np.nan], [320.0, 90.0]]))
 
 
@@ -49,7 +51,7 @@ class Stage:
 
     def __init__(self, folder):
         self.inbox, self.now_ns, self.number = Inbox(), START_NS, 0
-        self.clips = VerdictClips(self.inbox, folder, "sofa", (2.0, 1.0), lambda: self.now_ns)
+        self.clips = VerdictClips(self.inbox, folder, "sofa", (2.0, 1.0), lambda: NAMES, lambda: self.now_ns)
 
     def decide(self, payload):
         self.inbox.put(SceneKeys("dojo").verdict, payload)
@@ -84,6 +86,19 @@ def test_a_clip_shows_the_seconds_before_and_after_the_verdict(stage, tmp_path):
     levels = [float(np.median(each[100:, :100])) for each in video.pictures()]
     assert len(levels) == pytest.approx(30, abs=1) and video.rate_hz == pytest.approx(10, abs=0.3)
     assert levels[0] == pytest.approx(60, abs=5) and levels[-1] == pytest.approx(150, abs=5)
+
+
+def test_verdicts_of_no_movement_and_floods_make_no_files(stage, tmp_path, caplog):
+    stage.play(1)
+    for number in range(100):
+        stage.decide(verdict(number, f"forged_{number}"))
+    for number in range(100, 100 + 2 * PENDING_LIMIT):
+        stage.decide(verdict(number))
+    stage.play(0.1)
+    assert stage.clips.left_out == 100 + PENDING_LIMIT
+    stage.clips.close()
+    assert all("_wave_" in path.name for path in (tmp_path / "clips").iterdir())
+    assert sum("none of its movements" in line for line in caplog.messages) == 1
 
 
 def test_a_clip_that_is_not_over_is_written_at_the_end_with_what_there_is(stage, tmp_path):
