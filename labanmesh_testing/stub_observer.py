@@ -49,42 +49,39 @@ class StubObserver:
             p = given[0] if given else SURE
             self._check(label, p)
             entries.append((end_s, label, p))
-        with self._lock:
-            self._script = entries
+        self._script = entries
 
     def publish(self, label: str | None, p: float = SURE, at_ns: int | None = None) -> None:
         """Publish one posterior: `p` for the label, the rest for all others. at_ns: when it was captured, else now."""
-        if self._gone:
-            return
         now_ns = time.time_ns()
-        self._publisher.put(
-            encode(
-                PosteriorMessage(
-                    scene=self._scene,
-                    observer=self.name,
-                    seq=self._seq,
-                    session=self._session,
-                    captured_ns=now_ns if at_ns is None else at_ns,
-                    sent_ns=now_ns,
-                    vocabulary=self._reference,
-                    p=self._distribution(label, p),
-                    rest=RESTS if label is None else MOVES,
-                    frames=self._seq + 1,
-                )
+        with self._lock:
+            if self._gone:
+                return
+            message = PosteriorMessage(
+                scene=self._scene,
+                observer=self.name,
+                seq=self._seq,
+                session=self._session,
+                captured_ns=now_ns if at_ns is None else at_ns,
+                sent_ns=now_ns,
+                vocabulary=self._reference,
+                p=self._distribution(label, p),
+                rest=RESTS if label is None else MOVES,
+                frames=self._seq + 1,
             )
-        )
-        self._seq += 1
+            self._publisher.put(encode(message))
+            self._seq += 1
 
     def publish_due(self) -> None:
         """Publish what the script says about now; called by the scene at the rate of its cameras."""
         now_s = time.monotonic()
-        with self._lock:
-            label, p = next(((label, p) for end_s, label, p in self._script if now_s < end_s), (None, SURE))
+        label, p = next(((label, p) for end_s, label, p in self._script if now_s < end_s), (None, SURE))
         self.publish(label, p)
 
     def leave(self) -> None:
         """Leave the mesh, as a process that ends: it publishes nothing more, and its liveliness token disappears."""
-        self._gone = True
+        with self._lock:
+            self._gone = True
         self._link.close()
 
     def _distribution(self, label: str | None, p: float) -> list[float]:

@@ -27,15 +27,15 @@ vocabulary = ["lunging", "byebye"]
 mode = "process"
 endpoint = "tcp/127.0.0.1:0"
 [fusion]
-hold_s = 0.4
+hold_s = {0}
 [observers.ear]
 source = "brings its own sensor"
 """
 
 
 @pytest.fixture
-def scene(tmp_path):
-    (tmp_path / "scene.toml").write_text(SCENE)
+def scene(request, tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE.format(getattr(request, "param", 0.4)))
     return read_scene(tmp_path / "scene.toml", {})
 
 
@@ -112,6 +112,8 @@ def test_a_subscriber_prints_the_verdicts_on_an_observer_of_your_own(scene, mesh
     ]  # fmt: skip
 
 
+# Time enough to act before the decision, also on a busy machine.
+@pytest.mark.parametrize("scene", [2.0], indirect=True)
 def test_a_robot_acts_before_the_verdict_and_takes_a_wrong_action_back(scene, mesh, started):
     robot = started("robot.py", mesh.config.endpoint, 0.9)
     assert mesh.meeting.publisher(scene.keys.judgement).wait_for_subscriber(SOON_S)
