@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hub.session import SceneListener
 
 FOLDER = Path("labanmesh-rehearsal")
-LABELS = ("byebye", "point", "maestro")
+LABELS = ("byebye", "maestro", "stretch")
 """Three movements of the performer that its cameras tell apart well."""
 LENGTHS = {"takes": 4, "background_s": 30.0, "alarm_s": 12.0, "countdown": 1}
 """Of a lesson that a person watches to its end: two minutes for LABELS."""

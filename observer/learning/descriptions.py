@@ -38,16 +38,14 @@ def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
 
 
 def describe_addition(output: "Path", edited: "EditedModel") -> str:
-    """The movements that were added, and how well they are recognised; the calibration is that of the old ones."""
-    from observer.learning.learn import right_count
-
-    header, labels, results = edited.model.header, ", ".join(edited.labels), edited.results
+    """The movements that were added, how well they are recognised, and the calibration."""
+    header, labels = edited.model.header, ", ".join(edited.labels)
     examples = f"{plural(edited.examples, 'example')} of {plural(edited.people, 'person', 'people')}"
     lines = [f"{output}: {labels} added from {examples}; {describe_vocabulary(header)}"]
     if edited.promoted:
         lines.append(f"no longer something else: {', '.join(edited.promoted)}")
-    share = f": right {100 * right_count(results) / len(results):.0f} %" if results else ""
-    lines.append(f"tried on {_left_out(len(results))} of {labels}{share}; {_calibration(header)}")
+    share = f": right {100 * edited.right / edited.tried:.0f} %" if edited.tried else ""
+    lines.append(f"tried on {_left_out(edited.tried)} of {labels}{share}; {_calibration(header)}")
     return "\n".join(lines)
 
 

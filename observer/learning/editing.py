@@ -17,7 +17,7 @@ from observer.geometry.placement import PersonPlacement, unlike
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView
 from observer.learning.folds import folds_by_person, folds_by_recording
-from observer.learning.learn import evaluate_example
+from observer.learning.learn import GIVEN, evaluate_example, right_count, with_calibration
 from observer.model.base import (
     Example,
     Header,
@@ -25,10 +25,15 @@ from observer.model.base import (
     MovementModel,
     WithBackground,
     evenly_spread,
+    with_defaults,
     with_features,
 )
+from observer.model.body_trace import tracks_of
+from observer.model.cross_validation import held_out_of
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
+from observer.model.training_memory import TrainingMemory, trace_in
+from observer.model.training_rows import LEARNED_FACINGS
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
 from observer.motion.placing import placed
 from observer.motion.projected import require_view
@@ -54,18 +59,29 @@ class Editable(Protocol):
         """The same model for a vocabulary of only these movements, in their order."""
 
 
+@runtime_checkable
+class Remembers(Protocol):
+    """A model that keeps the traces of all its examples and streams."""
+
+    @property
+    def memory(self) -> TrainingMemory:
+        """What it was learned from."""
+
+
 @dataclass(frozen=True, slots=True)
 class EditedModel:
-    """A model with new movements, and how models that had not learned the same examples recognise these.
+    """A model with new movements.
 
-    people: how many show the new movements. promoted: new movements that were background until now.
+    people: how many show the new movements. tried: how many of their examples were judged by models that had not
+    learned from them; right: how many of these were recognised. promoted: new movements that were background before.
     """
 
     model: MovementModel
     labels: tuple[str, ...]
     examples: int
     people: int
-    results: tuple[HeldOutResult, ...]
+    tried: int
+    right: int
     promoted: tuple[str, ...] = ()
 
 
@@ -82,7 +98,8 @@ def add_movements(
 ) -> EditedModel:
     """The model with the archive's movements that it does not have, or these `labels`, at the end of its vocabulary.
 
-    Temperature and doubt stay; the predictive likelihood of a new movement is estimated by leaving out its examples.
+    A model that `Remembers` is calibrated anew, as if it were learned from all its examples at once. Of others
+    temperature and doubt stay; the predictive likelihood of a new movement is estimated by leaving out its examples.
     source: the origin of the recordings, for people. If a new movement was background, it leaves the background.
     placement: where the people are put; by default where the model has its own.
 
@@ -103,16 +120,27 @@ def add_movements(
     addition = f"{','.join(new)}: {plural(len(recordings), 'example')}" + (f" of {source}" if source else "")
     added = "; ".join([*filter(None, [old.provenance.get("added")]), addition])
     header = replace(old, vocabulary=vocabulary, provenance={**old.provenance, "added": added})
+    people = len({r.subject for r in recordings})
+    if _remembers_all(model):
+        edited = calibrated_anew(_editable(model).grown(header, examples))
+        rows = held_out_of(edited.header)
+        tried = sum(sum(rows.get(label, {}).values()) for label in new)
+        right = sum(rows.get(label, {}).get(label, 0) for label in new)
+        return EditedModel(edited, new, len(recordings), people, tried, right, promoted)
     results, by_person = _evaluate(model, header, examples)
     statistics = _likelihood_statistics_of_all(old.calibration, results, vocabulary, by_person)
     header = replace(header, calibration=replace(old.calibration, likelihood_statistics=statistics))
     edited = _editable(model).grown(header, examples)
-    people = len({r.subject for r in recordings})
-    return EditedModel(edited, new, len(recordings), people, results, promoted)
+    return EditedModel(edited, new, len(recordings), people, len(results), right_count(results), promoted)
 
 
 def remove_movements(model: MovementModel, labels: Sequence[str]) -> MovementModel:
-    """The model without these movements; raises BadInput for an unknown one, and if fewer than two would remain."""
+    """The model without these movements, calibrated anew if it `Remembers`.
+
+    Raises BadInput for an unknown movement, and if fewer than two would remain.
+    """
+    if not labels:
+        return model
     old = model.header
     gone = {old.vocabulary.index(label) for label in labels}
     remaining = [m for m in range(old.vocabulary.size) if m not in gone]
@@ -134,7 +162,32 @@ def remove_movements(model: MovementModel, labels: Sequence[str]) -> MovementMod
         calibration=replace(old.calibration, likelihood_statistics=statistics),
         provenance={**old.provenance, "removed": removed},
     )
-    return _editable(model).shrunk(header, remaining)
+    smaller = _editable(model).shrunk(header, remaining)
+    return calibrated_anew(smaller) if _remembers_all(smaller) else smaller
+
+
+def _remembers_all(model: MovementModel) -> bool:
+    """Whether the model has all its examples. Of more than LEARNED_FACINGS facings it remembers only some."""
+    return isinstance(model, Remembers) and facings_in(model.header.parameters) <= LEARNED_FACINGS
+
+
+def calibrated_anew(model: MovementModel) -> MovementModel:
+    """A model that `Remembers` with the calibration and the learned parameters that its examples give.
+
+    Those of the model before it was edited may not hold: with other people, more takes or more movements it judges in
+    another way (`observer.model.few_takes`).
+    """
+    if not isinstance(model, Remembers):
+        return model
+    kind, header = type(model), model.header
+    given = header.provenance.get(GIVEN)
+    explicit = {name: header.parameters[name] for name in filter(None, (given or "").split(","))}
+    if given is not None:
+        header = with_defaults(replace(header, parameters=explicit), kind.PARAMETERS)
+    examples = [replace(e, tracks=tracks_of(trace_in(e)), features=None) for e in model.memory.examples]
+    streams = [replace(s, tracks=tracks_of(trace_in(s)), features=None) for s in model.memory.streams]
+    examples, streams = with_features(kind, header, examples), with_features(kind, header, streams)
+    return with_calibration(kind, kind.from_arrays(header, model.arrays()), examples, streams, explicit)
 
 
 def _without_background(model: MovementModel, labels: Sequence[str]) -> MovementModel:

@@ -149,6 +149,8 @@ def _background_labels(
     return labels
 
 
+GIVEN = "given"
+"""In the provenance the parameters that were given, which are never learned; separated by commas."""
 MOST_EVALUATED = 240
 """Examples that are evaluated; more hardly change the few numbers that are fitted."""
 
@@ -177,7 +179,7 @@ def with_calibration(
             calibration = replace(calibration, learned_only=True, likelihood_statistics=())
         if folds_by_person(examples) is None:
             calibration = at_least_cautious(calibration)
-    counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
+    counts = {GIVEN: ",".join(explicit), "tried": str(len(others.results)), "right": str(right_count(others.results))}
     counts["held_out"] = json.dumps(judged_as(others.results, model.header.vocabulary))
     header = replace(
         model.header,

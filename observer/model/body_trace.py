@@ -67,6 +67,16 @@ def read_trace(body_parts: Sequence[str], rate_hz: float, tracks: Iterable[Track
     return np.array([trace.update(frame) for frame in tracks], np.float32)
 
 
+def tracks_of(rows: Floats) -> list[Tracks]:
+    """(F, 2 P + 3) trace -> tracks (P, 2) with this trace: elsewhere in the image, and parts that were unseen for a
+    while at their last place. Nothing is seen before the first sight of the body."""
+    relative, path, size = rows[:, :-3].reshape(len(rows), -1, 2), rows[:, -3:-1], rows[:, -1:]
+    anchor = np.cumsum(np.diff(path, axis=0, prepend=path[:1]) * size, axis=0)
+    centres = (anchor[:, None] + relative * size[:, None]) * (1.0, -1.0)
+    centres[~np.logical_or.accumulate(relative.any(axis=(1, 2)))] = np.nan
+    return [Tracks(each) for each in centres]
+
+
 def width_of(parts: int) -> int:
     """The number of columns of a trace of P parts."""
     return 2 * parts + 3

@@ -1,7 +1,9 @@
 """Cross-validation of a kind of model that evaluates whole folds at once: its input, its result, its protocol. Pure."""
 
+import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -69,3 +71,11 @@ def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[
             judged = labels[min(int(result.posteriors[-1].argmax()), vocabulary.size)]
             table.setdefault(labels[result.truth], Counter())[judged] += 1
     return {label: dict(counts) for label, counts in table.items()}
+
+
+def held_out_of(header: Header) -> dict[str, dict[str, int]]:
+    """By movement as what its examples were recognised by models that had not learned from them; {} if unknown."""
+    with suppress(ValueError, AttributeError, TypeError):
+        table = json.loads(header.provenance.get("held_out", "{}"))
+        return {str(truth): {str(label): int(n) for label, n in row.items()} for truth, row in table.items()}
+    return {}

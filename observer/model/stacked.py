@@ -34,6 +34,7 @@ from observer.model.something_else import (
 )
 from observer.model.stack_exponents import EXPONENTS, RUNNING_AT, learned_exponents, pooled_at
 from observer.model.stacked_watch import StackedWatch
+from observer.model.training_memory import TrainingMemory
 from observer.tracks import Floats
 
 
@@ -66,6 +67,11 @@ class Stacked(LearnsStreams):
         self.takes = takes_of(header, examples, take_scales)
         self.judges_by_takes = self.takes is not None and judges_by_takes(header, examples)
         self.else_offset = COMMON_OFFSET if learns_gestures(discriminative.header, examples) else OFFSET
+
+    @property
+    def memory(self) -> TrainingMemory:
+        """What it was learned from."""
+        return self.discriminative.memory
 
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:

@@ -83,7 +83,7 @@ class TrainingMemory:
         ]
         spans: dict[int, list[StreamSpan]] = {}
         for (n, begin, end, movement), trial in zip(arrays["spans"].tolist(), arrays["span_trials"], strict=True):
-            if not 0 <= begin < end <= len(_trace(streams[n])):
+            if not 0 <= begin < end <= len(trace_in(streams[n])):
                 raise ValueError(f"span {begin} to {end} is not within its stream")
             spans.setdefault(n, []).append(StreamSpan(begin, end, movement, str(trial)))
         shown = [e.movement for e in examples] + [span.movement for own in spans.values() for span in own]
@@ -92,14 +92,15 @@ class TrainingMemory:
         return cls(tuple(examples), tuple(replace(s, spans=tuple(spans.get(n, ()))) for n, s in enumerate(streams)))
 
 
-def _trace(source: Example | Stream) -> Floats:
+def trace_in(source: Example | Stream) -> Floats:
+    """The trace of what is remembered; raises ValueError for anything else, whose trace has not been read."""
     if source.features is None:
         raise ValueError("its trace has not been read")
     return source.features
 
 
 def _as_arrays(name: str, sources: Sequence[Example | Stream]) -> dict[str, NDArray[np.generic]]:
-    traces = [_trace(each) for each in sources]
+    traces = [trace_in(each) for each in sources]
     return {
         f"{name}_traces": np.concatenate(traces).astype(np.float32) if traces else np.zeros((0, 0), np.float32),
         f"{name}_lengths": np.array([len(trace) for trace in traces], np.int32),

@@ -1,6 +1,5 @@
 """Learning a model in a process of its own while the observer goes on with the old one, and the files of models."""
 
-import json
 import logging
 import os
 import subprocess
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 from common.errors import LabanmeshError
 from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
 from observer.files import make_private, remove_file
+from observer.model.cross_validation import held_out_of
 from observer.model.model_file import read_model
 from observer.runtime.pipeline import Observer
 
@@ -117,7 +117,7 @@ class ModelLearner:
             self._run(labels)
             model = read_model(self._next)
             self._observer = self._build(model)
-            self.learned = LearnedReport(labels=list(model.header.vocabulary.labels), results=_results(model))
+            self.learned = LearnedReport(labels=list(model.header.vocabulary.labels), results=held_out_of(model.header))
         except (LabanmeshError, OSError) as error:
             self.fault = str(error)[:TEXT_LIMIT]
             log.warning("learning failed: %s", error)
@@ -144,13 +144,6 @@ class ModelLearner:
 
 def _beside(model: Path, word: str) -> Path:
     return model.with_name(f"{model.stem}.{word}{model.suffix}")
-
-
-def _results(model: "MovementModel") -> dict[str, dict[str, int]]:
-    with suppress(ValueError, AttributeError, TypeError):
-        table = json.loads(model.header.provenance.get("held_out", "{}"))
-        return {str(truth): {str(label): int(n) for label, n in row.items()} for truth, row in table.items()}
-    return {}
 
 
 def _knows(path: Path, unwanted: Unwanted) -> bool:
