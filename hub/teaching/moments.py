@@ -16,7 +16,7 @@ NOTHING = "nothing"
 NEAR_NS = 1.5 * SECOND_NS
 """A verdict this near to a time is meant by it."""
 _TIME = re.compile(r"(\d{1,2}):(\d\d):(\d\d)\Z")
-_AGO = re.compile(r"(\d+(?:\.\d+)?)\s*(s|min)\Z")
+_AGO = re.compile(r"(\d{1,6}(?:\.\d{1,6})?)\s*(s|min)\Z")
 _ID = re.compile(r"(?P<scene>[a-z0-9_-]+)-(?P<began_ms>\d{12,14})\Z")
 FORMS = "the id of a verdict, last, a time of day (20:14:03), two (20:14:03..20:14:06), or how long ago (30s, 2min)"
 

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
-from common.errors import LabanmeshError
+from pydantic import ValidationError
+
+from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import TeachCommand, TeachReply, TeachRequest
 from hub.teaching.interface import Answers, LessonInterface
 
@@ -102,7 +104,11 @@ class Participants:
                     self.observers.append(name)
 
     def _made(self, command: TeachCommand, **fields: object) -> TeachRequest:
-        return TeachRequest(command=command, teacher=self.teacher, **fields)  # type: ignore[arg-type]
+        try:
+            return TeachRequest(command=command, teacher=self.teacher, **fields)  # type: ignore[arg-type]
+        except ValidationError as error:
+            fault = error.errors()[0]
+            raise BadInput(f"{command}: {fault['loc'][0]} = {str(fault['input'])[:64]!r}: {fault['msg']}") from None
 
     def _wait_for_return(self) -> None:
         """No observer answers: one that is started again, as `labanmesh up` does, goes on."""

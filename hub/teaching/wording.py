@@ -128,7 +128,8 @@ def alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
         for one, row in report.results.items():
             takes = sum(row.values())
             for other, count in row.items():
-                if other not in (one, "") and count > ALIKE * takes:
+                # An observer is a peer: its results may name what its model does not have.
+                if other != one and {one, other} <= set(report.labels) and count > ALIKE * takes:
                     first, second = sorted((one, other), key=report.labels.index)
                     observers = places.setdefault((first, second), [])
                     if name not in observers:

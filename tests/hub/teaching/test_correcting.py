@@ -122,6 +122,12 @@ def test_a_moment_that_is_none_is_refused_with_what_is_expected(when):
         correction_of(when, "wave", VERDICTS, NOON)
     with pytest.raises(BadInput, match=r"home-\d+ \(.*clap\)"):
         correction_of("yesterday", "wave", VERDICTS, NOON)
+    for long_ago in ("9" * 400 + "s", "500000000000s", "99999999999min"):
+        with pytest.raises(BadInput, match="or how long ago"):
+            correction_of(long_ago, "wave", VERDICTS, NOON)
+    participants, _ = participants_of(sofa=Observer())
+    with pytest.raises(BadInput, match="correct: from_ns"):
+        correct(participants, [correction_of(f"home-{'9' * 14}", "wave", VERDICTS, NOON)], {}, "anna")
 
 
 def test_each_observer_is_asked_in_its_own_time_and_those_that_can_learn_and_change():

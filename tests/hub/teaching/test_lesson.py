@@ -107,7 +107,9 @@ def takes_asked(interface):
 
 def test_the_whole_lesson():
     results = {"wave": {"wave": 2}, "clap": {"clap": 1, "wave": 1}}
-    sofa, shelf = Observer(results=results), Observer(results={"wave": {"wave": 2}, "clap": {"clap": 2}})
+    # A peer that names what nobody teaches ends no lesson.
+    foreign = {"wave": {"wave": 2, "nod": 2}, "clap": {"clap": 2}, "nod": {"wave": 2}}
+    sofa, shelf = Observer(results=results), Observer(results=foreign)
     interface = teach({"sofa": sofa, "shelf": shelf})
     assert takes_asked(interface) == [("wave", 1), ("wave", 2), ("clap", 1), ("clap", 2)]
     assert sofa.labels == shelf.labels == ["wave", "clap"]
