@@ -14,6 +14,11 @@ if TYPE_CHECKING:
 @pytest.fixture
 def laban_scene(tmp_path: Path) -> "Iterator[SceneStarter]":
     """Starts scenes that end with the test: `laban_scene(labels, observers)` (docs/guide/testing.md)."""
+    import labanmesh
+
+    # A project may well have a package `common` of its own, which pytest puts first.
+    if hidden := labanmesh.shadowed():
+        pytest.fail(f"laban_scene: {hidden}", pytrace=False)
     from labanmesh_testing.running_scene import SceneStarter
 
     with ExitStack() as opened:

@@ -16,7 +16,7 @@ MAY_ENTER = {
     "hub": {"hub", "common"},
     "deploy": {"deploy", "common"},
     "studies": {"studies", "observer", "fusion", "common"},
-    "labanmesh_testing": {"labanmesh_testing", "fusion", "common"},
+    "labanmesh_testing": {"labanmesh_testing", "labanmesh", "fusion", "common"},
     "labanmesh": {"common"},
 }
 ONLY_IN = {

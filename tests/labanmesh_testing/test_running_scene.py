@@ -37,3 +37,11 @@ def test_an_exception_of_a_callback_is_an_error_of_the_test(scene):
         observer.votes([("wave", 60)])
     with pytest.raises(ValueError, match="no lamp"):
         scene.listener.wait_for_verdict("wave")
+
+
+def test_a_package_that_hides_ours_is_one_line(request, monkeypatch):
+    monkeypatch.setattr(
+        "labanmesh.shadowed", lambda: "/home/me/common hides the package 'common' of labanmesh; rename it"
+    )
+    with pytest.raises(pytest.fail.Exception, match=r"^laban_scene: /home/me/common hides the package"):
+        request.getfixturevalue("laban_scene")
