@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 
 from PIL import Image
@@ -27,15 +28,18 @@ from common.progress import ProgressBar
 from studies.demo_scene import synthetic_performance, write_demo
 
 DASHBOARD = {
-    "dashboard-light": {"viewport": {"width": 1180, "height": 1180}, "color_scheme": "light"},
-    "dashboard-dark": {"viewport": {"width": 1180, "height": 1180}, "color_scheme": "dark"},
-    "dashboard-phone": {"viewport": {"width": 360, "height": 760}, "color_scheme": "light"},
+    "dashboard-light": {"viewport": {"width": 1180, "height": 900}, "color_scheme": "light"},
+    "dashboard-dark": {"viewport": {"width": 1180, "height": 900}, "color_scheme": "dark"},
+    "dashboard-phone": {"viewport": {"width": 390, "height": 844}, "color_scheme": "light"},
 }
 PHONE = {"viewport": {"width": 390, "height": 760}, "device_scale_factor": 1.5, "has_touch": True}
-VERDICTS_BEFORE = 4
-WAIT_MS = 180_000
-GOING_ON = f"""() => document.querySelectorAll('#verdicts tr.entry').length >= {VERDICTS_BEFORE}
-  && document.querySelector('#referee').dataset.kind === 'open'"""
+WAIT_MS = 300_000
+"""On a machine that does much else a lesson takes this long."""
+DECIDED = """() => {
+  const rows = document.querySelectorAll('#verdicts tr.entry').length;
+  return rows > 5 || (rows > 3 && document.querySelector('#last').dataset.kind === 'open');
+}"""
+"""A movement goes on that is decided, and there were some before; or, where verdicts come late, enough of them."""
 
 
 @contextmanager
@@ -53,15 +57,16 @@ def played_demo(folder):
 
 
 def draw_dashboard(chromium, folder, work):
-    """The page while a movement goes on that is decided, in three windows."""
+    """One moment of the page in three windows: the performance is short, so that no window waits for its own."""
     with played_demo(work) as url:
         pages = {name: chromium.new_page(**look) for name, look in DASHBOARD.items()}
         for page in pages.values():
             page.goto(url)
-        for name, page in pages.items():
-            page.wait_for_function(GOING_ON, timeout=WAIT_MS)
-            take(page, folder / f"{name}.png")
-            page.close()
+        next(iter(pages.values())).wait_for_function(DECIDED, timeout=WAIT_MS)
+        pictures = {name: page.screenshot() for name, page in pages.items()}
+        for name, picture in pictures.items():
+            save(picture, folder / f"{name}.png")
+            pages[name].close()
 
 
 def draw_teach(chromium, folder, work, scheme):
@@ -100,9 +105,13 @@ def take_drawn(page, path):
 
 
 def take(shown, path):
-    """A screenshot of a page, or of a part of it, in 256 colours: half the bytes."""
-    shown.screenshot(path=path)
-    Image.open(path).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    """A screenshot of a page, or of a part of it."""
+    save(shown.screenshot(), path)
+
+
+def save(picture, path):
+    """Write a PNG in 256 colours: half the bytes."""
+    Image.open(BytesIO(picture)).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def main(words):

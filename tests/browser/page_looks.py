@@ -1,5 +1,13 @@
 """What makes a page hard to read or to press, as scripts that run in it."""
 
+import sys
+from pathlib import Path
+
+AXE = Path(sys.prefix) / "axe/node_modules/axe-core/axe.min.js"
+"""Put there by tests/browser/install_chromium.sh, where npm is."""
+SERIOUS = """async () => (await axe.run()).violations.filter(each => ["serious", "critical"].includes(each.impact))
+  .map(each => `${each.id}: ${each.nodes.map(node => node.target)}`)"""
+
 # Texts whose colour stands out from what is behind them by less than 4.5:1 (WCAG AA).
 FAINT = """() => {
   const light = (rgb) => rgb.map(v => v / 255).map(v => v <= .04045 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)
@@ -27,3 +35,11 @@ SMALL = """() => [...document.querySelectorAll('main button, main summary, heade
   .filter(node => node.offsetParent && node.getBoundingClientRect().height < 40)
   .map(node => node.textContent || node.id)"""
 NO_SIDEWAYS_SCROLLING = "document.documentElement.scrollWidth <= innerWidth"
+
+
+def serious_findings(page):
+    """What axe-core finds in a page that keeps somebody from using it; nothing where axe-core is missing."""
+    if not AXE.is_file():
+        return []
+    page.evaluate(AXE.read_text("utf-8"))
+    return page.evaluate(SERIOUS)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL
+from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL, serious_findings
 from processes import SOON_S, until
 from teach_stage import TaughtScene
 
@@ -52,12 +52,13 @@ def phone_of(chromium):
 
 
 def looks_right(page, name, folder):
-    """A screenshot; nothing is faint, too small for a finger, or wider than the phone."""
+    """A screenshot; nothing is faint, too small for a finger, or wider than the phone; axe-core agrees."""
     page.wait_for_timeout(300)
     page.screenshot(path=folder / f"{name}.png", full_page=True)
     assert not (faint := page.evaluate(FAINT)), (name, faint)
     assert not (small := page.evaluate(SMALL)), (name, small)
     assert page.evaluate(NO_SIDEWAYS_SCROLLING), f"{name}: no sideways scrolling"
+    assert not (findings := serious_findings(page)), (name, findings)
 
 
 def tap(page, name):
@@ -172,8 +173,10 @@ def correct_one(page, taught, folder):
     """A verdict of the test was wrong, and a movement was missed, somebody says; the observers learn from both."""
     until(lambda: any(each["ended"] for each in taught.state()["said"]), "a verdict has ended")
     tap(page, "Teach more")
-    wrong = page.get_by_role("button", name="Wrong?").first
-    wrong.tap()
+    page.wait_for_selector("#setup:visible")
+    wrong = next(each["id"] for each in taught.state()["said"] if each["ended"])
+    page.goto(taught.url)
+    page.locator(f"a[href$='wrong={wrong}']").tap()
     tap(page, "none of them")
     tap(page, "I did one and nothing happened")
     tap(page, "a minute ago")

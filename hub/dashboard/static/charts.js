@@ -1,7 +1,7 @@
 // The charts: the tatami from above, what all believe together, how the movement is done, and the last minute.
 import { $, attribute, draw, hide, make, mark, put, rowsOf, share } from "./elements.js";
 import { CROWD, bars } from "./judges.js";
-import { age, bits, count, nowWords, percent, stanceWords, tone, verdictWords, words } from "./words.js";
+import { age, bits, count, nowWords, percent, sight, tone, verdictWords, words } from "./words.js";
 
 export const MINUTE_MS = 60000;
 const HEIGHT = 170, TOP = [24, 82], LOW = [102, 148];
@@ -94,9 +94,9 @@ function showMat(setup, state) {
   for (const observer of state.observers) {
     const parts = flags.get(observer.name);
     if (!parts) continue;
-    mark(parts.group, "stance", tone(observer));
+    mark(parts.group, "stance", tone(observer, state.moving));
     attribute(parts.ray, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * observer.weight).toFixed(1));
-    if (!parts.quiet) put(parts.held, shortened(observer.heard && observer.label && !observer.gone ? words(observer.label) : stanceWords(observer), 18));
+    if (!parts.quiet) put(parts.held, shortened(observer.heard && observer.label && !observer.gone ? words(observer.label) : sight(observer, state, setup.sure), 18));
   }
 }
 

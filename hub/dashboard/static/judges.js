@@ -51,8 +51,8 @@ function judge(name) {
 function showJudge(setup, state, observer) {
   if (!judges.has(observer.name)) judges.set(observer.name, judge(observer.name));
   const parts = judges.get(observer.name);
-  mark(parts.node, "stance", tone(observer));
-  put(parts.sight, sight(observer, state.moving, setup.sure));
+  mark(parts.node, "stance", tone(observer, state.moving));
+  put(parts.sight, sight(observer, state, setup.sure));
   put(parts.trouble, trouble(observer));
   parts.newest = observer;
   if (parts.node.firstChild.open) showFigures(parts, observer);

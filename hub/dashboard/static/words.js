@@ -1,5 +1,5 @@
 // What the page says about a scene. An observer is shown to people as a judge, and fusion as the referee.
-const SLOW_CLOCK_S = 0.5, NAMES_LIMIT = 6;
+const SLOW_CLOCK_S = 0.5, NAMES_LIMIT = 6, ROUNDING_BITS = 0.001;
 
 export const percent = (value) => `${Math.round(value * 100)}%`;
 export const bits = (value) => value === null ? "-" : `${value.toFixed(2)} bit`;
@@ -49,14 +49,18 @@ export function stance(observer) {
 }
 const isStale = (observer) => observer.state === "stale" && !observer.gone;
 export const stanceWords = (observer) => stance(observer) + (isStale(observer) ? ", stale" : "");
-export const tone = (observer) => observer.gone ? "silent" : isStale(observer) ? "stale" : stance(observer);
+/* Its colour; at rest no opinion is nothing unusual. */
+export function tone(observer, moving = true) {
+  const kind = observer.gone ? "silent" : isStale(observer) ? "stale" : stance(observer);
+  return kind === "undecided" && !moving ? "rests" : kind;
+}
 const STATES = { silent: "is not heard", late: "late", foreign: "knows other movements", invalid: "sends what cannot be read" };
 /* What a judge sees and how sure it is. sure: the probability that a verdict needs. */
-export function sight(observer, moving, sure) {
+export function sight(observer, { moving, labels }, sure) {
   if (observer.gone) return "does not run";
   if (!observer.heard) return STATES[observer.state] || observer.state;
-  // One that sees nobody fades to no opinion while its process is well; of one that is slow an old opinion is left.
-  if (isStale(observer) && observer.label === null && observer.health && observer.health.state === "running") return "sees nobody";
+  // The opinion of one that sees nobody fades to none at all, with the greatest entropy; of one that is slow some is left.
+  if (isStale(observer) && observer.label === null && observer.entropy >= Math.log2(labels) - ROUNDING_BITS) return "sees nobody";
   if (isStale(observer)) return observer.label === null ? "late" : `${words(observer.label)}, late`;
   if (observer.label === null) return moving ? "not sure" : "sees no movement";
   return `${words(observer.label)}, ${observer.ranked.length && observer.ranked[0][1] >= sure ? "sure" : "not sure"}`;
@@ -90,6 +94,6 @@ export function advice(setup, state) {
   if (state.waiting && all("silent")) return runs ? ["No judge is heard. Ask what is wrong:", doctor] : ["No judge is heard. If none runs, start them:", up];
   if (state.waiting) return ["No judge counts now; their lines say why. Ask what to do:", doctor];
   if (gone.length) return [`${listed(gone.map((each) => each.name))} ${gone.length === 1 ? "does" : "do"} not run. Start ${gone.length === 1 ? "it" : "the first"} again:`, verb("observe", gone[0].name)];
-  const ill = observers.find((each) => each.health && (each.health.state === "failed" || (each.health.state === "degraded" && each.label === null)));
+  const ill = observers.find((each) => each.health && (each.health.state === "failed" || (each.health.state === "degraded" && !each.heard)));
   return ill ? [`${ill.name}: ${trouble(ill)}. Ask what to do:`, doctor] : null;
 }
