@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -60,8 +61,8 @@ def init(
         typer.echo(REHEARSAL)
     if asks and cameras:
         _offer_lesson(file)
-    elif asks and input(SEE_IT).strip().lower() in ("", "y", "yes"):
-        _labanmesh(file, "teach", "--rehearse")
+    elif asks:
+        _offer_rehearsal(file)
 
 
 def _found() -> list[FirstCamera]:
@@ -131,6 +132,12 @@ def _offer_lesson(file: Path) -> None:
         raise LabanmeshError(
             f"the lesson has ended early; it goes on with: labanmesh teach {file} {' '.join(labels)} --up"
         )
+
+
+def _offer_rehearsal(file: Path) -> None:
+    with suppress(EOFError):
+        if input(SEE_IT).strip().lower() in ("", "y", "yes"):
+            _labanmesh(file, "teach", "--rehearse")
 
 
 def _labanmesh(file: Path, *words: str) -> int:

@@ -108,3 +108,9 @@ def test_in_a_terminal_it_shows_what_cameras_see_and_offers_a_lesson(tmp_path, m
     assert run[0][-1] == str(tmp_path / "cam1.png") and run[2][2:] == ("nod", "bow", "--up") and len(asked) == 1
     init(tmp_path / "t.toml", look=False)
     assert len(run) == 4
+    monkeypatch.setattr(commands, "webcams", list)
+    for answer, count in (("", 5), ("n", 5)):
+        monkeypatch.setattr("builtins.input", lambda question, answer=answer: answer)
+        init(tmp_path / f"without{answer}.toml")
+        assert len(run) == count and run[4] == ("teach", "--rehearse")
+    assert "labanmesh teach --rehearse shows a whole lesson" in capsys.readouterr().out

@@ -1,14 +1,19 @@
 """Own movements from films: takes are cut where a lesson would cut them; what is no film, or shows nothing, says so."""
 
 import threading
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from e2e_stage import free_endpoint
 
 from common.config import Scene
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
+from common.link import Link
 from observer.geometry.views import parse_view
+from observer.model.model_file import read_model
 from observer.motion.archive import Recording, TracksCamera
 from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker
@@ -16,6 +21,7 @@ from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import ObserverInputs
 from observer.teaching import commands
 from observer.teaching.film_takes import TaughtFilm, add_takes
+from observer.teaching.model_learner import ModelLearner
 from observer.teaching.takes_file import TakesFile
 from observer.tracks import BODY_PARTS
 from studies.performer import perform, perform_continuously
@@ -84,6 +90,67 @@ def test_what_is_no_film_is_one_line(tmp_path, monkeypatch, text, line):
     (tmp_path / "motion.npz").touch()
     with pytest.raises(BadInput, match=line):
         TaughtFilm.parse(text)
+
+
+SCENE = """scene = "films"
+[mesh]
+endpoint = "{endpoint}"
+[observers.sofa]
+source = "0"
+tracker = "camshift"
+"""
+
+
+@pytest.fixture
+def teach(tmp_path, monkeypatch):
+    """Teaches the scene's observer from "films", each of which shows its movement so often between rests."""
+    (file := tmp_path / "scene.toml").write_text(SCENE.format(endpoint=free_endpoint()))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(commands, "RUNS_S", 0.0)
+
+    def shown(scene, observer, film):
+        movements = [film.label or "shake"] * int(film.path.stem[-1])
+        return inputs(perform_continuously("1", movements, rate_hz=15.0, seed=1, rest_s=(2.0, 2.5)))
+
+    monkeypatch.setattr("observer.teaching.film_takes.open_film", shown)
+
+    def run(*films, **options):
+        for film in films:
+            (tmp_path / film.partition("=")[2]).touch()
+        commands.teach_from_films(file, list(films), **options)
+        return file
+
+    return run
+
+
+def test_films_teach_as_a_lesson_does_and_more_can_be_added(teach, tmp_path, capsys):
+    teach("byebye=three3.mp4", "maestro=two2.mp4", "maestro=one1.mp4", "nothing=life2.mp4")
+    shown = capsys.readouterr().out
+    assert "three3.mp4: 3 takes of byebye (" in shown and "one1.mp4: 1 take of maestro (" in shown
+    assert "sofa: byebye 3 of 3, maestro 3 of 3, of takes that were left out" in shown and "life2.mp4: " in shown
+    assert read_model(tmp_path / "sofa.model").header.vocabulary.labels == ("byebye", "maestro")
+    teach("stretch=two2.mp4", add=True, person="ben")
+    assert read_model(tmp_path / "sofa.model").header.vocabulary.labels == ("byebye", "maestro", "stretch")
+    kept = TakesFile(tmp_path / "sofa.tracks.npz", BODY_PARTS, TracksCamera("sofa"))
+    assert {label: len(numbers) for label, numbers in kept.takes.items()} == {"byebye": 3, "maestro": 3, "stretch": 2}
+    assert set(kept.persons) == {"someone", "ben"} and kept.other_s > 5
+
+
+def test_what_cannot_be_taught_changes_nothing(teach, tmp_path, monkeypatch):
+    monkeypatch.setattr(ModelLearner, "_run", lambda self, labels: (_ for _ in ()).throw(OSError("disk")))
+    with pytest.raises(LabanmeshError, match="disk; nothing has changed"):
+        teach("byebye=two2.mp4", "maestro=two2.mp4")
+    monkeypatch.setattr(Link, "open", lambda *_, **__: nullcontext(SimpleNamespace(presence=lambda *_: Runs())))
+    with pytest.raises(BadInput, match="sofa: runs now"):
+        teach("byebye=two2.mp4", "maestro=two2.mp4")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["scene.toml", "two2.mp4"]
+
+
+class Runs:
+    """The presence of an observer that is there."""
+
+    def wait_for(self, count, timeout_s):
+        return True
 
 
 def scene(*observers):
