@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from common.errors import LabanmeshError
 from common.teaching_messages import SOMEONE, TeachReply, TeachRequest
+from common.text import plural
 from hub.teaching.beginning import wait_for_sign
 from hub.teaching.interface import GO, Action, Begin, LessonInterface, Step
 from hub.teaching.learning import adopt, learn
@@ -97,7 +98,7 @@ class Lesson:
     def _takes_of(self, label: str, done: set[int], wanted: int) -> None:
         """All takes of a movement that are not on a disk yet, until the person is content with them."""
         if done:
-            self._interface.say(f"{label}: goes on after {len(done)} takes")
+            self._interface.say(f"{label}: goes on after {plural(len(done), 'take')}")
         newest, action = max(done, default=0), GO
         if len(done) < wanted:
             action = self._interface.ready(Step("ready", label, len(done), wanted))

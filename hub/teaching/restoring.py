@@ -41,11 +41,10 @@ def restore(participants: Participants, wanted: str, file: str) -> None:
 
 def earlier_lines(known: Mapping[str, Sequence[EarlierTakes]]) -> list[str]:
     """A line for each set by id, the newest first: when it was set aside, and what each observer has."""
-    pairs = [(name, each) for name, sets in known.items() for each in sets]
-    pairs.sort(key=lambda pair: -pair[1].at_ns)
+    newest_first = sorted((each for sets in known.values() for each in sets), key=lambda each: -each.at_ns)
     lines = []
-    for own in dict.fromkeys(each.id for _, each in pairs):
-        of_id = {name: each for name, each in pairs if each.id == own}
+    for own in dict.fromkeys(each.id for each in newest_first):
+        of_id = {name: each for name, sets in known.items() for each in sets if each.id == own}
         moment = calendar_time(max(each.at_ns for each in of_id.values()))
         when = "" if moment is None else f", set aside on {moment.astimezone():%d %B at %H:%M}"
         begun = ", lesson not finished" if any(each.labels for each in of_id.values()) else ""

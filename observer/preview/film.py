@@ -14,6 +14,7 @@ from common.errors import BadInput, LabanmeshError
 from common.text import plural
 from observer.camera.capture import silence_opencv
 from observer.camera.files import write_picture
+from observer.files import make_private
 from observer.preview.drawing import SIZE
 from observer.preview.sight import Picture
 
@@ -40,14 +41,17 @@ class Film:
     """A video file, written under a temporary name until it is closed, so that it is complete or absent.
 
     rate_hz: frame rate of the film. keep_all: one film frame per picture; otherwise the film keeps real time and
-    repeats or drops pictures. Raises BadInput when the file cannot be written.
+    repeats or drops pictures. unnamed: nobody has named the file, so that only this user may read it. Raises BadInput
+    when it cannot be written.
     """
 
-    def __init__(self, path: Path, rate_hz: float, keep_all: bool) -> None:
+    def __init__(self, path: Path, rate_hz: float, keep_all: bool, *, unnamed: bool = False) -> None:
         self._path, self._rate_hz, self._keep_all = path, rate_hz, keep_all
         self._partial = path.with_name(f"{path.stem}.part{path.suffix}")
         silence_opencv()
         _check_writable(self._partial, path)
+        if unnamed:
+            make_private(self._partial)
         codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])
         self._writer = cv2.VideoWriter(str(self._partial.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, SIZE)
         if not self._writer.isOpened():

@@ -58,6 +58,7 @@ def open_preview(
             return PreviewThread(Window(title), keep_all=False)
         path = (folder or Path()) / FALLBACK
         log.warning("cannot open a window: %s; the preview is written to %s", reason, path)
+        return PreviewThread(Film(path, rate_hz, keep_all, unnamed=True), keep_all)
     return PreviewThread(_outlet(target, path, rate_hz, keep_all), keep_all)
 
 

@@ -143,7 +143,7 @@ class TakesFile:
         if takes.path.exists():
             file = self._opened() if is_current else TracksFile(takes.path, self._parts, self._camera, PRIVATE)
             removed = self._remove(file, lambda r: unwanted.covers(r.subject, r.label))
-        if unwanted.label in (takes.unfinished or ()):
+        if unwanted.label in (takes.unfinished or ()) or (removed and not takes.path.exists()):
             remove_file(takes.note)
         return list(removed)
 

@@ -203,6 +203,7 @@ def test_a_film_is_written_when_no_window_can_be_opened(monkeypatch, tmp_path, c
     with caplog.at_level(logging.WARNING), open_preview("window", 10.0, folder=tmp_path) as preview:
         preview.show(picture(1), SHOWN)
     assert Video.open(tmp_path / FALLBACK).size_px == SIZE
+    assert (tmp_path / FALLBACK).stat().st_mode & 0o777 == 0o600, "nobody has asked for this film of a person"
     assert "cannot open a window: there is no display" in caplog.text and str(FALLBACK) in caplog.text
 
 

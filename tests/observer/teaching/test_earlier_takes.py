@@ -83,11 +83,13 @@ def test_of_too_many_sets_the_one_with_the_fewest_takes_goes(takes):
 def test_forgetting_reaches_every_set_and_the_one_of_an_earlier_version(takes):
     start(takes, LABELS, "l1"), add(takes, *LABELS, subject="ben"), add(takes, "wave")
     start(takes, TYPO, "l2"), add(takes, *TYPO)
-    takes.path.replace(takes.path.with_suffix(".before.npz"))
+    for suffix in (".npz", ".json"):
+        takes.path.with_suffix(suffix).replace(takes.path.with_suffix(f".before{suffix}"))
     takes = TakesFile(takes.path, BODY_PARTS, TracksCamera("sofa"))
     assert held(takes) == ({}, {"l2": {"wave": 2, "point": 1}, "before": {"wave": 1, "pont": 1}})
     assert len(takes.forget(Unwanted(person="anna"))) == 3
     assert held(takes) == ({}, {"l2": {"wave": 1, "point": 1}})
+    assert not takes.path.with_suffix(".before.json").exists()
     assert len(takes.forget(Unwanted(label="point"))) == 1 and held(takes)[1] == {"l2": {"wave": 1}}
     broken = takes.path.with_name("sofa.tracks.before-x.npz")
     broken.write_bytes(b"PK")
