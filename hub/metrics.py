@@ -43,6 +43,10 @@ class HubMetrics(Metrics):
         states = dict(self._states)
         rejected = [((scene,), float(state.rejected)) for scene, state in states.items()]
         yield self.total("messages_rejected", "Messages that could not be used.", rejected, "scene")
+        dropped = [((scene,), float(state.dropped)) for scene, state in states.items()]
+        yield self.total("messages_dropped", "Messages lost to a full queue.", dropped, "scene")
+        skipped = [((scene,), float(state.skipped)) for scene, state in states.items()]
+        yield self.total("judgements_skipped", "Judgements left out, as a newer one was there.", skipped, "scene")
         newest = [((scene,), state.received_ns / SECOND_NS or None) for scene, state in states.items()]
         yield self.gauge("last_judgement_timestamp_seconds", "When a judgement last arrived.", newest, "scene")
         if self._connected is not None:

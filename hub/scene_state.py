@@ -92,7 +92,8 @@ class SceneState:
     roster: the observers in the scene file; each is shown from the start. services: its fusion services.
     next_vocabulary: one that the judgement does not have yet. verdicts: newest first, at most VERDICTS_LIMIT.
     received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on synchronised clocks.
-    rejected, dropped: how many messages were rejected, and lost to a full queue. same_id_reports: see hub/same_id.py.
+    rejected, dropped, skipped: how many messages were rejected, lost to a full queue, and left out since a newer
+    judgement was there. same_id_reports: see hub/same_id.py.
     """
 
     scene: str
@@ -107,12 +108,13 @@ class SceneState:
     fusion_status: Mapping[str, StatusMessage] = field(default_factory=dict)
     rejected: int = 0
     dropped: int = 0
+    skipped: int = 0
     services: tuple[str, ...] = ()
     same_id_reports: same_id.Reports = field(default_factory=dict)
 
-    def at(self, now_ns: int, dropped: int | None = None) -> "SceneState":
-        """The same knowledge at a later time: only ages change. dropped: messages lost to a full queue so far."""
-        return replace(self, now_ns=now_ns, dropped=self.dropped if dropped is None else dropped)
+    def at(self, now_ns: int) -> "SceneState":
+        """The same knowledge at a later time: only ages change."""
+        return replace(self, now_ns=now_ns)
 
     def fold(self, message: SceneMessage, received_ns: int, role: SenderRole = "observer") -> "SceneState":
         """The state after `message`; `role` is the sender's, for a status message.

@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
@@ -73,7 +73,7 @@ def listen(
             update = _ingest(state, keys, same, arrival.key, arrival.payload, arrival.arrived_ns)
             state = update.state
             yield update
-        state = state.at(clock(), inbox.dropped)
+        state = replace(state, now_ns=clock(), dropped=inbox.dropped, skipped=newest.dropped if newest else 0)
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns
             for key, payload in link.ask_each(keys.vocabulary, QUERY_S):
