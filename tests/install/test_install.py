@@ -1,6 +1,6 @@
 """The wheel with each extra alone, and with those of `make install`: every verb works, or names the extra it lacks.
 
-Not part of `make test`: it fetches packages. `make test-install`; `-k plain` for one environment.
+Not part of `make test`: it fetches packages. `make test-install`; `-k with_plain` for one environment.
 """
 
 import re
@@ -28,7 +28,7 @@ def material(tmp_path_factory):
     return folder
 
 
-@pytest.fixture(scope="session", params=ENVIRONMENTS, ids=lambda extras: extras or "plain")
+@pytest.fixture(scope="session", params=ENVIRONMENTS, ids=lambda extras: f"with_{extras or 'plain'}")
 def environment(request, tmp_path_factory, wheel):
     environment = Environment(tmp_path_factory.getbasetemp(), wheel, request.param)
     environment.name = request.param
