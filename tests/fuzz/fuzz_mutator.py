@@ -21,6 +21,7 @@ from common.messages import (
     Vote,
 )
 from common.picture_message import PictureMessage
+from common.teaching_messages import EarlierTakes, LearnedReport, TakeDoubt, TakeReport, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
 from common.wire import encode
 
@@ -29,7 +30,10 @@ NAMES = Vocabulary(("bowing", "lunging", "byebye", "stretch"))
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
 NOON_NS = 1_700_000_000_000_000_000
 KEY = f"laban/{SCENE}/observer/{{}}/posterior"
-KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage, PictureMessage)
+KINDS = (
+    *(PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage, PictureMessage),
+    *(TeachRequest, TeachReply),
+)
 NASTY = (
     *(None, True, False, 0, -1, 1, 2**31, 2**63 - 1, 2**64 - 1, -(2**63)),
     *(0.0, -0.0, 1e-320, 1e308, -1e308, math.nan, math.inf, -math.inf),
@@ -79,7 +83,14 @@ def good_messages(rng):
         StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
         VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
         PictureMessage(captured_ns=NOON_NS, width=320, height=240, jpeg=b"\xff\xd8" + bytes(200)),
-    )
+        TeachRequest(command="begin", teacher="t", labels=list(NAMES.labels), label="bowing", take=2, person="anna"),
+        TeachReply(
+            state="learned", take=TakeReport(label="bowing", take=2, state="kept"), takes={"bowing": [1, 2]},
+            other_s=2.0, labels=list(NAMES.labels), persons={"anna": {"bowing": 2, "": 1}},
+            learned=LearnedReport(labels=list(NAMES.labels), results={"bowing": {"bowing": 2}}),
+            doubts=[TakeDoubt(label="bowing", take=1, like="lunging")], earlier=[EarlierTakes(id="t", at_ns=NOON_NS)],
+        ),
+    )  # fmt: skip
 
 
 class Mutator:
