@@ -132,6 +132,8 @@ def teach(options: TeachOptions) -> None:
 
     Example: labanmesh teach --rehearse
 
+    Example: labanmesh teach scene.toml --film wave=wave.mp4 --film clap=clap.mp4
+
     Example: labanmesh teach scene.toml --was last nothing --was 20:14:03 wave
 
     Example: labanmesh teach scene.toml --earlier

@@ -97,7 +97,6 @@ def rehearsed(labels: Sequence[str]) -> Iterator[Rehearsal]:
         # The command line says which extra brings it.
         raise ModuleNotFoundError(name="cv2")
     labels = labels or LABELS
-    print(TITLE, flush=True)
     # A session of its own: Ctrl-C is for the lesson. It ends when its input does.
     process = subprocess.Popen(  # noqa: S603 - the command line is ours
         [sys.executable, "-P", "-m", "studies.performer.cameras", str(FOLDER), *labels],
@@ -108,6 +107,7 @@ def rehearsed(labels: Sequence[str]) -> Iterator[Rehearsal]:
         if not line:
             fault = process.stderr.read().strip() if process.stderr else ""
             raise (BadInput if process.wait() == BadInput.exit_status else LabanmeshError)(fault.splitlines()[-1])
+        print(TITLE, flush=True)
         answer = json.loads(line)
         sources = {f"LABANMESH_OBSERVERS_{name.upper()}_SOURCE": url for name, url in answer["cameras"].items()}
         yield Rehearsal(Path(answer["scene"]), labels, sources, process)
