@@ -1,6 +1,6 @@
 """`labanmesh demo`: real processes on this machine, from motion to verdicts; ends by itself.
 
-1. The performance, one model per observer and the scene file are written into a folder.
+1. The performance, one model and one film per observer, and the scene file are written into a folder.
 2. `labanmesh up` starts four observers and the fusion service; `labanmesh watch` shows them.
 3. This process subscribes as any hub does, and at the end compares the verdicts with what was performed.
 """
@@ -26,9 +26,12 @@ from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.progress import ProgressBar
 from common.wire import BadMessage, decode
 
-PLAY_TIMEOUT_S = 30.0
-"""How much longer than the performance the processes may take."""
+PLAY_TIMEOUT_S = 60.0
+"""How much longer than the performance the processes may take: on a busy core they need half a minute to start."""
 STOP_TIMEOUT_S = 10.0
+NEXT = (
+    """next, your own movements: labanmesh init, with your cameras; or labanmesh teach --rehearse, without a camera"""
+)
 
 
 @dataclass(slots=True)
@@ -85,8 +88,9 @@ def demo(
     Example: labanmesh demo --motion msr.npz --subject 8
     """
     from observer.motion.archive_file import read_archive
+    from studies.demo_films import film_tracks
     from studies.demo_report import draw_figures, movement_rows, result_text
-    from studies.demo_scene import PREVIEW, recorded_performance, synthetic_performance, write_demo
+    from studies.demo_scene import PREVIEWED, recorded_performance, synthetic_performance, write_demo
 
     if motion is None:
         performance = synthetic_performance(seed)
@@ -94,16 +98,21 @@ def demo(
         performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
     print(performance.title)
     with ProgressBar() as bar:
-        scene = write_demo(performance, output, bar, pixels)
+        scene, rate = write_demo(performance, output, bar, pixels)
     length_s = len(performance.stream.positions) / performance.stream.rate_hz
+    print(*([rate.text] if rate else []), sep="\n")
     print(f"starting four observers and the fusion service; the performance takes {length_s:.0f} s", flush=True)
     traffic = play(scene, output / "log.txt", length_s)
     rows = movement_rows(performance.stream, traffic)
     print(f"\n{performance.title}\n\n{result_text(rows, traffic, pixels)}\n", flush=True)
     files, note = draw_figures(performance.stream, traffic, performance.vocabulary.labels, output)
-    film = [path for path in (output / PREVIEW,) if path.exists()]
-    print("written:", *files, *film, scene, output / "log.txt", sep="\n  ")
+    if pixels:
+        files.append(output / f"{PREVIEWED}-tracks.mp4")
+        with ProgressBar() as bar:
+            film_tracks(scene, PREVIEWED, files[-1], bar)
+    print("written:", *files, scene, output / "log.txt", sep="\n  ")
     print(f"{note}\nto run it again: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
+    print(NEXT)
     if traffic.timed_out:
         raise typer.Exit(1)
 

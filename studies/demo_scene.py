@@ -3,12 +3,13 @@
 import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from threading import Event
 
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
+from common.parallel import cores, run_parts
 from common.text import plural
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
@@ -16,10 +17,8 @@ from observer.learning.learn import learn_view
 from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive, Recording, movements_in, subjects_in
 from observer.motion.archive_file import write_archive
-from observer.motion.playback import RecordedMotion
-from observer.rendering.scenery import Scenery
-from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.camshift import CamshiftTracker
+from studies.demo_films import SIZE_PX, FilmedCorner, FilmRate, film_performance
 from studies.output_files import make_folder, write_text
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.trials import strung
@@ -27,17 +26,18 @@ from studies.trials import strung
 CORNERS = {
     "front-left": "yaw:315,pitch:20",
     "front-right": "yaw:45,pitch:20",
-    "back-right": "yaw:135,pitch:20",
-    "back-left": "yaw:225,pitch:20",
+    "back-right": "yaw:135,pitch:45",
+    "back-left": "yaw:225,pitch:45",
 }
 """The four observers: ids as seen from the performer, and views from high in the corners, as cameras hang.
 
-At the performer's height two opposite observers would see mirror images and always agree.
+At the performer's height two opposite observers would see mirror images and always agree. Those behind look down more
+steeply: from 20 degrees the body hides the hands for half of the time, and one movement more stays undecided.
 """
-RATE_HZ, BACKGROUND, NOISE = 30.0, "cluttered", 3.0
-"""Of the virtual cameras' pictures."""
-PREVIEW = "front-left.mp4"
-"""The film of the first corner."""
+LARGE_PX = (640, 480)
+"""Of pictures from the front in which a face is found that was too small in those of SIZE_PX."""
+PREVIEWED = "front-left"
+"""The observer whose view is filmed with the tracks drawn in."""
 MOST_MOVEMENTS = 10
 """Movements of a recorded person that fit into a demo of under 90 s."""
 Progress = Callable[[str, int, int], None]
@@ -94,38 +94,49 @@ def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Re
     return strung([first[str(label)] for label in picked], rng)[0]
 
 
-def write_demo(performance: Performance, folder: Path, progress: Progress, pixels: bool = True) -> Path:
-    """Write performance, models and scene file into `folder`; returns the scene file.
+def write_demo(
+    performance: Performance, folder: Path, progress: Progress, pixels: bool = True
+) -> tuple[Path, FilmRate | None]:
+    """Write performance, models, scene file and films into `folder`; returns the scene file and the films' rate.
 
-    pixels: the observers track pictures of virtual cameras with camshift, with a skin histogram learned from the face
-    as seen from the front; otherwise they receive the projected positions of hands and head. Raises BadInput where
-    the folder cannot be written.
+    pixels: the observers track films of virtual cameras with camshift, with a skin histogram learned from the face as
+    seen from the front; otherwise there are no films and they receive the projected positions of hands and head.
+    Raises BadInput where the folder cannot be written.
     """
     make_folder(folder, "--output")
-    stream = replace(performance.stream, trial="demo")
-    write_archive(folder / "performance.npz", MotionArchive(performance.learned.body_parts, (stream,)))
-    for n, (corner, view) in enumerate(CORNERS.items()):
-        provenance = {"archive": performance.title}
-        model = learn_view(performance.learned, parse_view(view), performance.vocabulary, provenance=provenance)
-        write_model(folder / f"{corner}.model", model)
-        progress("learning one model per corner", n + 1, len(CORNERS))
-    if pixels:
-        _save_skin(performance, folder / "skin.npz")
+    parts, stream = performance.learned.body_parts, replace(performance.stream, trial="demo")
+    write_archive(folder / "performance.npz", MotionArchive(parts, (stream,)))
+    learn = partial(_learn_corner, performance=performance, folder=folder)
+    run_parts(learn, list(CORNERS), cores(), partial(progress, "learning one model per corner"))
     scene = folder / "scene.toml"
     write_text(scene, _scene_file(performance, pixels), "--output")
-    return scene
+    if not pixels:
+        return scene, None
+    _save_skin(performance, folder / "skin.npz")
+    corners = [
+        FilmedCorner(corner, parts, stream, view, folder / f"{corner}.mp4", seed=n)
+        for n, (corner, view) in enumerate(CORNERS.items())
+    ]
+    return scene, film_performance(corners, scene, progress)
+
+
+def _learn_corner(corner: str, performance: Performance, folder: Path) -> None:
+    provenance = {"archive": performance.title}
+    view = parse_view(CORNERS[corner])
+    model = learn_view(performance.learned, view, performance.vocabulary, provenance=provenance)
+    write_model(folder / f"{corner}.model", model)
 
 
 def _save_skin(performance: Performance, file: Path) -> None:
     """As `labanmesh look --view door --save-skin`: the corner cameras see no frontal face to learn the skin from."""
-    parts, stream = performance.learned.body_parts, performance.stream
-    motion = RecordedMotion(parts, (stream,), speed=0)
-    tracker = CamshiftTracker()
-    for frame in VirtualCamera(motion, parse_view("door"), scenery=Scenery(BACKGROUND, NOISE)).frames(Event()):
-        tracker.update(frame)
-        if tracker.skin is not None:
-            tracker.skin.save(file)
-            return
+    camera = FilmedCorner("front", performance.learned.body_parts, performance.stream, "door", file, 0)
+    for size_px in (SIZE_PX, LARGE_PX):
+        tracker = CamshiftTracker()
+        for frame in camera.frames(size_px):
+            tracker.update(frame)
+            if tracker.skin is not None:
+                tracker.skin.save(file)
+                return
     raise LabanmeshError(f"{performance.title}: no face detected from the front; labanmesh demo --no-pixels needs none")
 
 
@@ -145,14 +156,11 @@ def _scene_file(performance: Performance, pixels: bool) -> str:
         # Two of four cameras see the performer from behind: the two that see the hands must be able to decide.
         f"quorum = {len(CORNERS) // 2 if pixels else len(CORNERS) // 2 + 1}",
     ]
-    for n, (corner, view) in enumerate(CORNERS.items()):
-        lines += ["", f"[observers.{corner}]", 'source = "performance.npz"', f'view = "{view}"']
-        lines += [f'model = "{corner}.model"']
+    for corner, view in CORNERS.items():
+        source = f"{corner}.mp4" if pixels else "performance.npz"
+        lines += ["", f"[observers.{corner}]", f'source = "{source}"', f'view = "{view}"', f'model = "{corner}.model"']
         if pixels:
-            lines += ['tracker = "camshift"', 'skin = "skin.npz"', f"rate_hz = {RATE_HZ:g}"]
-            lines += [f'preview = "{PREVIEW}"'] * (n == 0)
-            lines += [f"[observers.{corner}.virtual]", f'background = "{BACKGROUND}"']
-            lines += [f"noise = {NOISE}", f"seed = {n}"]
+            lines += ['tracker = "camshift"', 'skin = "skin.npz"']
     return "\n".join(lines) + "\n"
 
 

@@ -41,11 +41,13 @@ class Film:
     """A video file, written under a temporary name until it is closed, so that it is complete or absent.
 
     rate_hz: frame rate of the film. keep_all: one film frame per picture; otherwise the film keeps real time and
-    repeats or drops pictures. unnamed: nobody has named the file, so that only this user may read it. Raises BadInput
-    when it cannot be written.
+    repeats or drops pictures. size_px: of the pictures, width and height. unnamed: nobody has named the file, so that
+    only this user may read it. Raises BadInput when it cannot be written.
     """
 
-    def __init__(self, path: Path, rate_hz: float, keep_all: bool, *, unnamed: bool = False) -> None:
+    def __init__(
+        self, path: Path, rate_hz: float, keep_all: bool, *, size_px: tuple[int, int] = SIZE, unnamed: bool = False
+    ) -> None:
         self._path, self._rate_hz, self._keep_all = path, rate_hz, keep_all
         self._partial = path.with_name(f"{path.stem}.part{path.suffix}")
         silence_opencv()
@@ -53,7 +55,7 @@ class Film:
         if unnamed:
             make_private(self._partial)
         codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])
-        self._writer = cv2.VideoWriter(str(self._partial.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, SIZE)
+        self._writer = cv2.VideoWriter(str(self._partial.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, size_px)
         if not self._writer.isOpened():
             self._partial.unlink(missing_ok=True)
             raise BadInput(f"{path}: this OpenCV cannot write it at {rate_hz:g} Hz; use a name that ends in .avi")

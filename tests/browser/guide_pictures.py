@@ -46,7 +46,7 @@ DECIDED = """() => {
 def played_demo(folder):
     """The demo's scene, with its dashboard; yields the dashboard's address."""
     with ProgressBar() as bar:
-        scene = write_demo(synthetic_performance(0), folder, bar, False)
+        scene, _ = write_demo(synthetic_performance(0), folder, bar, False)
     with (folder / "log.txt").open("w") as log, Dashboard(scene) as dashboard:
         processes = subprocess.Popen(labanmesh("up", scene), cwd=ROOT, env=environment(), stdout=log, stderr=log)
         try:

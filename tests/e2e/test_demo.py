@@ -1,13 +1,19 @@
 """The demo as a visitor runs it, without a terminal: real processes, from motion to a table of verdicts and figures."""
 
-import cv2
+import re
+
 import pytest
 from e2e_stage import run
 
+from common.config import read_scene
+from observer.camera.files import Video
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from observer.tracking.head import have_cascade
 from studies.performer import perform, perform_continuously
+
+PATIENCE_S = 400.0
+"""On a machine that does much else beside."""
 
 
 @pytest.fixture
@@ -20,8 +26,11 @@ def short_archive(tmp_path):
     return path
 
 
+@pytest.mark.timeout(PATIENCE_S)
 def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_archive, tmp_path):
-    done = run(tmp_path, "demo", "--motion", str(short_archive), "--output", "shown", "--no-pixels")
+    done = run(
+        tmp_path, "demo", "--motion", str(short_archive), "--output", "shown", "--no-pixels", timeout_s=PATIENCE_S
+    )
     assert done.returncode == 0, done.stderr
     assert "recorded person 3 of short.npz; models learned from 2 others" in done.stdout
     assert "1 of 1 right, 0 wrong, 0 undecided" in done.stdout, done.stdout
@@ -32,14 +41,19 @@ def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_a
 
 
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
-def test_the_demo_films_the_performer_and_shows_the_view_of_an_observer(short_archive, tmp_path):
+@pytest.mark.timeout(PATIENCE_S)
+def test_the_demo_films_the_performer_first_and_draws_the_tracks_afterwards(short_archive, tmp_path):
     """The number of right verdicts depends on the load of the machine; `make demo` shows it."""
-    done = run(tmp_path, "demo", "--motion", str(short_archive), "--output", "shown")
+    done = run(tmp_path, "demo", "--motion", str(short_archive), "--output", "shown", timeout_s=PATIENCE_S)
     assert done.returncode == 0, done.stderr
-    assert "of 1 right" in done.stdout and "shown/front-left.mp4" in done.stdout
-    film = cv2.VideoCapture(str(tmp_path / "shown" / "front-left.mp4"))
-    assert film.get(cv2.CAP_PROP_FRAME_COUNT) > 30
-    film.release()
+    assert re.search(r"this machine tracks about \d+ pictures a second in 4 processes; the demo uses 4 x", done.stdout)
+    assert "of 1 right" in done.stdout and "shown/front-left-tracks.mp4" in done.stdout
+    assert "labanmesh init" in done.stdout and "labanmesh teach --rehearse" in done.stdout
+    corners = read_scene(tmp_path / "shown" / "scene.toml").observers
+    films = [Video.open(tmp_path / "shown" / corner.source) for corner in corners.values()]
+    tracks = Video.open(tmp_path / "shown" / "front-left-tracks.mp4")
+    assert len({film.count for film in films}) == 1 and films[0].count == tracks.count > 30
+    assert all(film.size_px == (320, 240) for film in films)
 
 
 @pytest.mark.parametrize(
