@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from common.notify import ALIVE_EVERY_S, Notifier
 
-SOON_S = 5.0
+SOON_S = 40.0
 
 
 @contextmanager

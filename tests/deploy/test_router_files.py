@@ -22,7 +22,7 @@ from common.zenoh_settings import (
 ROUTERS = Path(__file__).parents[2] / "deploy" / "zenoh"
 PLAIN, SECURED = ROUTERS / "router.json5", ROUTERS / "router-secured.json5"
 CREDENTIALS = "/etc/labanmesh/credentials"
-SOON_S = 5.0
+SOON_S = 40.0
 
 
 def opened(file, endpoint):

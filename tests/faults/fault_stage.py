@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from fault_processes import Process
+from fault_processes import SOON_S, Process
 from once import made_once
-from processes import SOON_S, labanmesh
+from processes import labanmesh
 
 from benchmarks.timing import free_port
 from common import SECOND_NS

@@ -14,7 +14,7 @@ from common.wire import encode
 from hub import capture as capturing
 from hub.capture import CaptureProgress, CaptureSummary, SceneCapture, record
 
-SOON_S = 10.0
+SOON_S = 40.0
 JUDGEMENT, VERDICT, ANYTHING = "laban/room/judgement", "laban/room/verdict", "laban/room/observer/x/anything"
 VOCABULARY, ALIVE = "laban/room/vocabulary", "laban/room/observer/cam1/alive"
 

@@ -28,7 +28,7 @@ from common.wire import decode, encode, encode_vocabulary
 from studies.replay import playback
 from studies.replay.playback import PlaybackOptions, TimeShift, play
 
-SOON_S = 10.0
+SOON_S = 40.0
 THEN, NOW = 1_700_000_000 * SECOND, 1_800_000_000 * SECOND
 NAMES = Vocabulary(("bowing", "lunging"))
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)

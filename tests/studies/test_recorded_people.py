@@ -49,19 +49,20 @@ def test_the_papers_fusion_beats_the_better_of_its_two_views(msr):
 
 @pytest.mark.timeout(300)
 def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
-    answer = ask(msr, LABELS, "door,wheel", test_subjects=SOME)
+    # Two people are enough to notice a loss; each takes as long as a quarter of the learning.
+    answer = ask(msr, LABELS, "door,wheel", test_subjects=("6", "10"))
     figures = as_json(answer)
-    assert (figures["n_train"], figures["n_test"]) == (289, 169)
-    assert figures["per_view"]["door"]["accuracy"] >= 0.86
-    assert figures["accuracy"] >= 0.9 and figures["accuracy_at"]["0.6"] >= 0.87
+    assert (figures["n_train"], figures["n_test"]) == (289, 114)
+    assert figures["per_view"]["door"]["accuracy"] >= 0.9
+    assert figures["accuracy"] >= 0.93 and figures["accuracy_at"]["0.6"] >= 0.91
     assert figures["ece"] <= 0.06 and max(view["ece"] for view in figures["per_view"].values()) <= 0.09
     over_mesh = fused_over_mesh(answer)
-    assert over_mesh["same_labels"] == over_mesh["n"] == 169
+    assert over_mesh["same_labels"] == over_mesh["n"] == 114
 
 
 def test_the_phase_filter_knows_neither_onset_nor_tempo_and_the_frame_table_is_lost(msr):
     # Calibration does not matter here, and takes as long as all the rest.
-    unknown = {"onset_known": False, "test_subjects": SOME}
+    unknown = {"onset_known": False, "test_subjects": SOME[:2]}
     phase = figures_of(msr, SUBSETS["AS1"], "door,wheel", model="phase", calibrated=False, **unknown)
     assert phase["accuracy"] >= 0.83
     assert figures_of(msr, SUBSETS["AS1"], "door,wheel", **unknown, **PAPERS)["accuracy"] <= 0.35

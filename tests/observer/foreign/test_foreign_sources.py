@@ -12,7 +12,7 @@ from common.config import MeshConfig
 from common.link import Link
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 
-SOON_S = 5.0
+SOON_S = 40.0
 
 
 def line(u):

@@ -30,7 +30,7 @@ from observer.runtime.pipeline import (
 from observer.runtime.service import serve
 from observer.tracks import Frame, Tracks
 
-SOON_S = 10.0
+SOON_S = 40.0
 FRAME_NS = 33_333_333
 HEARTBEAT_S = 0.1
 HEARTBEAT_NS = HEARTBEAT_S * SECOND_NS
