@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import EARLIER_LIMIT, EarlierTakes
 from common.vocabulary import LABEL
@@ -52,10 +54,19 @@ class TakesSet:
         return None
 
     @property
+    def lengths(self) -> list[tuple[str, float]]:
+        """The label and the seconds of each recording; none if they cannot be read. The tracks are not: frames wait."""
+        # The errors of zipfile and numpy for broken files have no common base class.
+        # Opened here: numpy leaves a broken zip open.
+        with suppress(Exception), self.path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            seconds = np.nan_to_num(arrays["lengths"] / arrays["rate_hz"]).clip(0)
+            return list(zip(map(str, arrays["labels"]), map(float, seconds), strict=True))
+        return []
+
+    @property
     def counts(self) -> Counter[str]:
         """How many takes there are of each movement."""
-        recordings = () if (archive := self.archive) is None else archive.recordings
-        return Counter(recording.label for recording in recordings if recording.label)
+        return Counter(label for label, _ in self.lengths if label)
 
     def move(self, path: Path) -> "TakesSet":
         """The set under another path; raises LabanmeshError. A move needs no space on the disk."""
@@ -119,9 +130,10 @@ class EarlierSets:
     def thin_out(self) -> None:
         """Remove what is over the limit; raises LabanmeshError."""
         sets = list(self.sets.values())
-        # The newest, which was set aside right now, stays.
-        for each in sorted(sets[:-1], key=lambda each: each.counts.total())[: max(len(sets) - EARLIER_LIMIT, 0)]:
-            each.remove()
+        if len(sets) > EARLIER_LIMIT:
+            # The newest, which was set aside right now, stays.
+            for each in sorted(sets[:-1], key=lambda each: each.counts.total())[: len(sets) - EARLIER_LIMIT]:
+                each.remove()
 
     def ended_well(self, labels: Collection[str]) -> None:
         """A lesson with these movements has ended well: sets of no others go, but for the newest."""
@@ -142,13 +154,12 @@ class EarlierSets:
 
 
 def _report(own: str, earlier: TakesSet) -> EarlierTakes:
-    archive = earlier.archive
-    recordings = () if archive is None else archive.recordings
+    lengths = earlier.lengths
     return EarlierTakes(
         id=own,
-        takes={label: count for label, count in earlier.counts.items() if LABEL.match(label)},
+        takes=Counter(label for label, _ in lengths if LABEL.match(label)),
         labels=[label for label in earlier.unfinished or () if LABEL.match(label)],
-        other_s=sum(len(r.positions) / r.rate_hz for r in recordings if not r.label),
+        other_s=sum(seconds for label, seconds in lengths if not label),
         at_ns=max(_changed_ns(earlier.path), 0),
     )
 
