@@ -19,8 +19,8 @@ for _library in ("OMP", "OPENBLAS", "MKL"):
 common.progress.BEGIN_S = 3600.0
 
 # A deadline measures the machine. In CI, Hypothesis has a profile of its own, with a hundred fixed examples; at a desk
-# each run draws other ones, and half as many keep `make test` short.
-settings.register_profile("desk", deadline=None, max_examples=50)
+# each run draws other ones, and a third as many keep `make test` short.
+settings.register_profile("desk", deadline=None, max_examples=33)
 if not os.environ.get("CI"):
     settings.load_profile("desk")
 
