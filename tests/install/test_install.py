@@ -47,15 +47,16 @@ def test_a_verb_works_or_names_its_extra(environment, job, material, tmp_path, c
     cell(environment.name, job.name, "FAILS")
     status, out, err = environment.run(["labanmesh", *job.words.split()], tmp_path, job.line if job.ended else "")
     assert "Traceback" not in out + err and "ModuleNotFoundError" not in out + err, out + err
-    if has_all:
-        assert status == job.status and job.line in out + err, (status, out, err)
-    else:
-        # Progress may precede it.
+    works = status == job.status and job.line in out + err
+    # mediapipe, for one, brings matplotlib, so that more may work than the extra promises.
+    assert works or not has_all, (status, out, err)
+    if not works:
+        # Progress may precede the error.
         (error,) = (line for line in err.splitlines() if line.startswith("labanmesh: "))
         assert status in (1, 2) and err.endswith(f"{error}\n"), (status, out, err)
         named = "|".join({job.needs, *INCLUDES.get(job.needs, ())} - environment.extras)
         assert re.search(rf"pip install 'labanmesh\[({named})\]'", error), err
-    cell(environment.name, job.name, "works" if has_all else job.needs)
+    cell(environment.name, job.name, "works" if works else job.needs)
 
 
 def test_a_project_elsewhere_tests_with_the_plugin(environment, tmp_path):
