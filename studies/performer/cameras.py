@@ -139,6 +139,8 @@ def write_scene(folder: Path, shown: Recording) -> Path:
     for name, view in VIEWS.items():
         lines += ["", f"[observers.{name}]", 'source = "performance.npz"', "loop = true", f'view = "{view}"']
         lines += ['tracker = "camshift"', f"rate_hz = {RATE_HZ}", f"size_px = {list(SIZE_PX)}"]
+        # Not by what a run costs: that is little, and seems much on a machine with other work to do.
+        lines += [f"max_hz = {RATE_HZ}", f"idle_hz = {RATE_HZ}"]
         lines += [f"[observers.{name}.virtual]", f"noise = {NOISE}"]
     return write_text(folder / "scene.toml", "\n".join(lines) + "\n", ANOTHER_FOLDER)
 
