@@ -102,6 +102,7 @@ def reader(tmp_path, capsys):
     reader.close()
 
 
+@pytest.mark.timeout(600)
 def test_every_command_of_the_tutorial_works_and_prints_what_the_page_shows(reader):
     for block in BLOCK.finditer(PAGE.read_text("utf-8")):
         before, language, text = block["before"].strip(), block["language"], block["text"]
