@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
-FILES = {"/teach.js": "teach.js", "/teach.css": "teach.css"}
+FILES = {f"/{name}": name for name in ("teach.js", "figures.js", "teach.css")}
 BODY_LIMIT = 8192
 HOLD_S = 10.0
 """So long a request for the state waits for something new."""

@@ -10,7 +10,7 @@ from processes import SOON_S
 from common.capture_file import CaptureWriter
 from common.capture_record import CaptureRecord
 from common.config import read_scene
-from common.messages import Contribution, JudgementMessage, VerdictMessage, Vote
+from common.messages import Contribution, JudgementMessage, StatusMessage, VerdictMessage, Vote
 from common.wire import encode, encode_vocabulary
 
 VIEWS = ("yaw:45", "yaw:135", "yaw:225", "yaw:315")
@@ -28,6 +28,11 @@ class BrowserScene(PlayedScene):
     def judgement(self):
         with self._lock:
             return JudgementMessage(**self._fields("nthrow", P))
+
+    def report(self, observer, reason):
+        """An observer's status: degraded."""
+        status = StatusMessage(scene=self.name, id=observer, state="degraded", reason=reason, rate_hz=11.0)
+        self._link._session.put(self.keys.observer_status(observer), encode(status))
 
     def publish(self, number, label="nthrow", ended=False, **more):
         """Publish a verdict; returns when, in ms since 1970."""

@@ -31,6 +31,8 @@ RECORDED = {"wave": "high_arm_wave", "clap": "hand_clap"}
 PERFORMED = {"wave": "byebye", "clap": "nthrow"}
 FED = {name: f'source = "zenoh:tracks/{name}"\nview = "camera"\n' for name in CAMERAS}
 RATE_HZ = 15.0
+BUSY_S = 120.0
+"""How long five processes may take to start on a machine that does much else."""
 SIZE = 640
 
 
@@ -164,7 +166,7 @@ class TaughtScene:
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()
         self.performer = Performer(self.endpoint, self.lesson).__enter__()
-        until(lambda: all(each.get("pictures") for each in self.state()["observers"]), "the observers see")
+        until(lambda: all(each.get("pictures") for each in self.state()["observers"]), "the observers see", BUSY_S)
         return self
 
     def __exit__(self, *_):

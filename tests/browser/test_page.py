@@ -120,6 +120,9 @@ def test_the_agreement_of_the_decision_and_of_now_are_told_apart(play, look):
     assert page.inner_text("#seen") == "Seen by cam2, cam3 and cam4"
     scene.silent = frozenset(("cam2", "cam3"))
     page.wait_for_function(TOLD, arg="3 of 4 agreed when it was decided; now 1 of 2 say nthrow")
+    scene.report("cam4", "uses 11 of 30 pictures a second")
+    page.wait_for_function(SAYS, arg=["cam4", "uses 11 of 30 pictures a second"])
+    assert page.locator("#advice").is_hidden(), "it is slow, and nothing is missing"
     page.get_by_role("button", name="Wrong?").click()
     assert page.inner_text("tr.why code").endswith("scene.toml --teach"), "how it can be corrected"
 
