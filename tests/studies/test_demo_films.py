@@ -10,8 +10,7 @@ from studies.demo_films import FilmRate
     [
         (400.0, 15.0, False),
         (60 / 0.7, 15.0, False),
-        (60 / 0.71, 12.0, False),
-        (60.0, 10.0, False),
+        (60 / 0.71, 10.0, False),
         (50.0, 10.0, True),
         (0.0, 10.0, True),
     ],
