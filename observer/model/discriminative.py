@@ -204,7 +204,7 @@ class DiscriminativeWatch(Watch):
         self._history = max(model.trailing.windows.history, round(LONGEST_SHARE * model.longest)) + 2
         self._rows: Floats32 = np.zeros((0, width_of(len(header.body_parts))), np.float32)
         self._hop = max(round(header.rate_hz / STEPS_PER_S), 1)
-        self._since = 0
+        self._left = 0
         self._ended = False
         self.doubt = 1.0
         """The weight of the prior in the posterior, which grows while nobody is seen; 1 before the first sight."""
@@ -258,16 +258,25 @@ class DiscriminativeWatch(Watch):
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
+        if self._take(tracks) and self._left <= 0:
+            self._left = self._hop
+            self._classify(ended=self.segment.over)
+
+    def pass_over(self, tracks: Tracks) -> None:
+        """Take in one frame, without classifying what has been seen."""
+        self._take(tracks)
+
+    def _take(self, tracks: Tracks) -> bool:
+        """Take in one frame; whether anything is seen in it."""
         row = self.trace.update(tracks)
         if not tracks.visible.any():
             self.doubt = 1 - (1 - self.doubt) * (1 - FORGET_PER_S / self._model.header.rate_hz)
-            return
+            return False
         self.doubt = 0.0
         self._rows = np.concatenate([self._rows[1 - self._history :], row[None]])
         self.segment.update(self.rest >= 0.5, self._answers, len(self._rows))
-        self._since += 1
-        if self._since % self._hop == 1 or self._hop == 1:
-            self._classify(ended=self.segment.over)
+        self._left -= 1
+        return True
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -40,8 +41,15 @@ class StackedWatch(Watch):
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
+        self._follow(tracks, self._discriminative.update)
+
+    def pass_over(self, tracks: Tracks) -> None:
+        """Take in one frame, without classifying what has been seen."""
+        self._follow(tracks, self._discriminative.pass_over)
+
+    def _follow(self, tracks: Tracks, take_in: Callable[[Tracks], None]) -> None:
         before = self._discriminative.segment.begun
-        self._discriminative.update(tracks)
+        take_in(tracks)
         begun, frame = self._discriminative.segment.begun, self._discriminative.trace.frame
         self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
         if not tracks.visible.any():

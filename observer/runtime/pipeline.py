@@ -21,7 +21,7 @@ from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
-from observer.model.base import MovementModel, Onset, end_movement
+from observer.model.base import MovementModel, Onset, end_movement, take_in
 from observer.model.posterior_calibration import calibrated_posterior
 from observer.motion.even_rate import INTERVALS, is_bridged, usual_interval_s
 from observer.tracks import Floats, Frame, Tracker, Tracks
@@ -154,8 +154,9 @@ class Observer:
             self._begin_again()
         self.tracks = self._tracker.update(frame)
         instants = [self.tracks] if self._resampler is None else self._resampler.update(frame.at_ns, self.tracks)
-        for tracks in instants:
-            self.watch.update(tracks)
+        for n, tracks in enumerate(instants, 1):
+            # An observer that is too slow must not spend on the instants between its frames what it has not.
+            take_in(self.watch, tracks, passed=frame.skipped > 0 and n < len(instants))
             if self._facets is not None:
                 self._facets.update(tracks, self.watch.rest)
         self._frames += len(instants)

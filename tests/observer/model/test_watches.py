@@ -61,6 +61,21 @@ def test_trailing_windows_and_the_segment_count_equally(people, model):
             np.testing.assert_allclose(watch.p, softmax(np.asarray(joined, np.float64)), atol=1e-4)
 
 
+def test_frames_that_are_passed_over_count_although_they_are_not_classified(people, model):
+    plain, hurried = (model.discriminative.watch(Onset(known=True)) for _ in range(2))
+    for number, tracks in enumerate(tracks_of(people)):
+        before = hurried.p
+        plain.update(tracks)
+        if number % 4:
+            hurried.pass_over(tracks)
+            np.testing.assert_array_equal(hurried.p, before)
+        else:
+            hurried.update(tracks)
+            np.testing.assert_array_equal(hurried.rows, plain.rows)
+            if hurried.segment.begun == plain.segment.begun and hurried.judges_ended == plain.judges_ended:
+                np.testing.assert_allclose(hurried.p, plain.p, atol=1e-6)
+
+
 def test_the_stack_multiplies_both_members_with_their_exponents_and_takes_facings_from_the_phase_filter(people, model):
     stack, phase, other = (part.watch(Onset(known=True)) for part in (model, model.phase, model.discriminative))
     for tracks in tracks_of(people, 1):

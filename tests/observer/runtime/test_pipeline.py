@@ -103,11 +103,14 @@ class CountingWatch:
     rest, unlearned, predictive_log_likelihood, joint, p = 0.0, None, None, None, np.array([0.5, 0.5])
 
     def __init__(self):
-        self.frames = 0
+        self.frames = self.passed = 0
 
     def update(self, tracks):
         self.frames += 1
         self.p = np.array([0.5, 0.5])
+
+    def pass_over(self, tracks):
+        self.passed += 1
 
     def end(self):
         self.p = np.array([1.0, 0.0])
@@ -133,8 +136,8 @@ class PassThrough:
         return Tracks(frame.content)
 
 
-def frame(n, last=False):
-    return Frame(n * SECOND_NS // 10, np.zeros((1, 2)), last=last)
+def frame(n, last=False, skipped=0):
+    return Frame(n * SECOND_NS // 10, np.zeros((1, 2)), last=last, skipped=skipped)
 
 
 @pytest.mark.parametrize("resampler", [None, Resampler(10.0)])
@@ -144,6 +147,13 @@ def test_a_recording_ends_with_its_last_frame_and_the_next_is_watched_anew(resam
     assert before.p[0] == again.p[0] == 0.5 and ended.p[0] == 1.0
     assert [watch.frames for watch in model.watches] == [2, 1] and again.frames == 3
     assert observer.end().p[0] == 1.0 and observer.end() is None, "it ends once"
+
+
+def test_of_the_instants_between_frames_that_were_skipped_only_the_newest_is_classified():
+    observer = Observer(PassThrough(), model := CountingModel(), resampler=Resampler(10.0))
+    posteriors = [observer.step(each) for each in (frame(0), frame(2), frame(5, skipped=2), frame(6))]
+    (watch,) = model.watches
+    assert (watch.frames, watch.passed) == (5, 2) and [p.frames for p in posteriors] == [1, 3, 6, 7]
 
 
 def test_an_observer_without_frames_has_no_last_word():
