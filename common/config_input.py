@@ -23,12 +23,13 @@ Place = tuple[str, ...]
 def describe_fault(error: ValidationError, model: type[BaseModel]) -> str:
     """One line for the most useful fault: key, value, rule and what would be right; and how many more there are.
 
-    An unknown key comes first, because it is often the misspelled one that is reported as missing.
+    Unknown keys come first, all of them, because it is often the misspelled one that is reported as missing.
     """
-    faults = error.errors(include_url=False)
-    first = min(faults, key=lambda fault: fault["type"] != "extra_forbidden")
-    line = _line(first, model)
-    return line if len(faults) == 1 else f"{line} ({len(faults) - 1} more)"
+    faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
+    others = [".".join(map(str, fault["loc"])) for fault in faults[1:] if fault["type"] == "extra_forbidden"]
+    line = f"{_line(faults[0], model)}{'; also unknown: ' if others else ''}{', '.join(others)}"
+    more = len(faults) - 1 - len(others)
+    return f"{line} ({more} more)" if more else line
 
 
 def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping[str, str]) -> None:

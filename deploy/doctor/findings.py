@@ -11,7 +11,7 @@ from common.text import plural, printable, without_secrets
 if TYPE_CHECKING:
     from common.config import Scene
 
-Mark = Literal["ok", "warning", "error"]
+Mark = Literal["ok", "hint", "warning", "error"]
 Group = Literal["this machine", "the scene file", "cameras", "network", "security", "the mesh", "Home Assistant"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 MARKS: tuple[Mark, ...] = get_args(Mark)
@@ -43,6 +43,11 @@ class EffectiveSetting:
 def ok(group: Group, what: str) -> Finding:
     """All is well with `what`."""
     return Finding(group, "ok", what)
+
+
+def hint(group: Group, what: str, to_do: str) -> Finding:
+    """All is well; the user may want more."""
+    return Finding(group, "hint", what, to_do)
 
 
 def warning(group: Group, what: str, to_do: str) -> Finding:
@@ -92,7 +97,7 @@ def page(findings: Sequence[Finding], settings: Sequence[EffectiveSetting] = ())
 
 def summary(findings: Sequence[Finding]) -> str:
     """`1 error, 2 warnings`, or that all is well."""
-    counts = [(mark, sum(finding.mark == mark for finding in findings)) for mark in reversed(MARKS[1:])]
+    counts = [(mark, sum(finding.mark == mark for finding in findings)) for mark in ("error", "warning")]
     return ", ".join(plural(count, mark) for mark, count in counts if count) or "all is well"
 
 

@@ -86,6 +86,8 @@ class MachineNeeds:
     cascade: tuple[str, ...] = ()
     mediapipe: tuple[str, ...] = ()
     carried_model: tuple[str, ...] = ()
+    other_clocks: bool = True
+    """Whether processes of other machines take part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,7 +209,7 @@ def machine_needs(scene: "Scene", observers: Sequence[str]) -> MachineNeeds:
     colour = [name for name in pictures if trackers[name] == "camshift"]
     untaught = [name for name in colour if not (sections[name].skin or sections[name].face)]
     carried = [name for name in pose if not sections[name].pose_model]
-    return MachineNeeds(tuple(pictures), tuple(untaught), tuple(pose), tuple(carried))
+    return MachineNeeds(*map(tuple, (pictures, untaught, pose, carried)), scene.mesh.mode == "router")
 
 
 def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = True) -> list[Finding]:
@@ -221,7 +223,7 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
         *_packages(facts.packages),
         *_opencv(facts, needs, lacking),
         *_mediapipe(facts.mediapipe, needs, lacking),
-        _clock(facts.clock),
+        _clock(facts.clock, needs.other_clocks),
         *_free_space(facts),
     ]
 
@@ -271,9 +273,11 @@ def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator
         yield Finding(GROUP, lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
 
 
-def _clock(clock: ClockState) -> Finding:
+def _clock(clock: ClockState, other_clocks: bool) -> Finding:
     if clock == "synchronised":
         return ok(GROUP, "the clock is synchronised")
+    if not other_clocks:
+        return ok(GROUP, "the clock may be wrong: in this scene all processes share it")
     if clock == "unknown":
         what = "cannot tell whether the clock is synchronised"
         return warning(GROUP, what, "check that NTP runs (chronyc tracking, timedatectl)")

@@ -15,7 +15,7 @@ from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.link import Link
 from common.text import nearest, plural
-from deploy.doctor.findings import Finding, Mark, error, ok, warning
+from deploy.doctor.findings import Finding, Mark, error, hint, ok, warning
 from deploy.doctor.network import NetworkFacts
 from deploy.doctor.security import listener_for
 from deploy.doctor.traffic import (
@@ -153,6 +153,8 @@ def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
 def no_process(expected: ExpectedMesh) -> Finding:
     """The finding on a mesh without any process of the scene."""
     what = f"no process of scene {expected.scene.scene} is on the mesh"
+    if expected.scene.mesh.mode == "machine":
+        return hint(GROUP, what, f"labanmesh up {expected.path}")
     return warning(GROUP, what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
 
 

@@ -27,6 +27,7 @@ from deploy.doctor.findings import (
     Mark,
     error,
     from_fault,
+    hint,
     ok,
     settings_in_force,
     warning,
@@ -61,6 +62,7 @@ class PreflightReport:
     taught_from: str = ""
     tracker: str = ""
     lacks_tracker: str = ""
+    blends_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,7 @@ def check_scene(facts: SceneFacts) -> list[Finding]:
     """The findings on a scene file."""
     checks = (
         *(_whole(facts), _overridden(facts.settings), _observers(facts), _shared(facts)),
-        *(_taught(facts), _vocabularies(facts), _message_size(facts)),
+        *(_taught(facts), _vocabularies(facts), _other_motion(facts), _message_size(facts)),
     )
     return [finding for findings in checks for finding in findings]
 
@@ -248,6 +250,14 @@ def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:
     for labels, names in others:
         what = f"{', '.join(names)}: learned for [{', '.join(labels)}], {first} for [{', '.join(most)}]"
         yield error(GROUP, what, "learn all models from the same movements: labanmesh learn")
+
+
+def _other_motion(facts: SceneFacts) -> Iterator[Finding]:
+    """The hint that observers would recognise other motion better if they had learned some."""
+    observers = [name for name, report in facts.reports.items() if report.blends_only]
+    if observers:
+        what = f"{', '.join(observers)}: recordings of ordinary life would teach what else people do"
+        yield hint(GROUP, what, "learn again with labanmesh learn ... --background life.npz")
 
 
 def _observers_by_labels(facts: SceneFacts) -> dict[tuple[str, ...], list[str]]:

@@ -63,10 +63,7 @@ def describe_background(header: "Header") -> str:
         people = plural(int(header.provenance["other_motion_people"]), "person", "people")
         known.append(f"{seconds / 60:.1f} minutes of other motion of {people}")
     if knows_blends_only(header):
-        return (
-            "something else is known only by blends of the movements: add recordings of what else people do with "
-            "--background, some minutes of ordinary life (labanmesh record --other-motion) or other movements"
-        )
+        return "something else is known by blends of the movements; --background adds recordings of what else people do"
     return f"something else is known by blends of the movements and by {', '.join(known)}"
 
 

@@ -23,11 +23,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-BLENDS_ONLY = (
-    "knows something else only by blends of its movements and by rest, and may take other motion for a movement; learn "
-    "it again with recordings of ordinary life: labanmesh learn ... --background life.npz"
-)
-
 
 @dataclass(slots=True)
 class PreflightResult:
@@ -37,6 +32,7 @@ class PreflightResult:
     better one was not chosen. reads: what its tracker reads (positions, pictures, tracks), "" if that is a fault.
     labels, rate_hz, kind: of its model, empty and None if it cannot be read. lacks: packages not installed here.
     taught_from: the camera from whose tracks the model was taught, which holds until that camera moves; "" for others.
+    blends_only: whether it learned from no recordings of other motion what is no movement.
     """
 
     observer: str
@@ -51,6 +47,7 @@ class PreflightResult:
     doubts: list[str] = field(default_factory=list)
     lacks: list[str] = field(default_factory=list)
     taught_from: str = ""
+    blends_only: bool = False
 
     def attempt(self, action: Callable[[], T]) -> T | None:
         """The action's result; on an error it is recorded and the result is None."""
@@ -157,7 +154,7 @@ def _check_model(
     if is_this_camera(header.matrix):
         result.taught_from = header.view.partition(":")[2] or result.observer
     if isinstance(model, LearnsStreams) and knows_blends_only(header):
-        result.doubts.append(f"{path}: {BLENDS_ONLY}")
+        result.blends_only = True
 
 
 def main(words: Sequence[str]) -> Iterator[str]:

@@ -167,8 +167,10 @@ def test_line_ends_and_the_mark_of_other_editors_are_read(tmp_path):
     assert read_scene(tmp_path / "s.toml", {}).scene == "dojo"
 
 
-def test_further_faults_are_counted(fault):
-    assert fault(LEAST + "speed = -1\nloop = 3\nsped = 1").endswith("(2 more)")
+def test_all_unknown_keys_are_named_and_further_faults_are_counted(fault):
+    line = fault(LEAST + "speed = -1\nloop = 3\nsped = 1\nsorce = 1\n[fusion]\nruel = 1")
+    unknown = "observers.cam1.sped: unknown key; did you mean speed?; also unknown: observers.cam1.sorce, fusion.ruel"
+    assert line.endswith(f"{unknown} (2 more)")
 
 
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path):

@@ -52,6 +52,7 @@ GOOD = MachineFacts(
     folder=".",
 )
 NOTHING, PICTURES, FACE = MachineNeeds(), MachineNeeds(("a",)), MachineNeeds(("a",), ("a",))
+ALONE = MachineNeeds(other_clocks=False)
 POSE = MachineNeeds(("a",), (), ("a",), ("a",))
 
 
@@ -77,6 +78,7 @@ def mark_of(findings, words):
         ({"mediapipe": Package("mediapipe", "1.2")}, POSE, "error", ["no pose model", "pose_model"]),
         ({"mediapipe": Package("mediapipe", "9", "<2", fits=False)}, POSE, "warning", ["tested with <2"]),
         ({"clock": "free"}, FACE, "warning", ["clock is not synchronised", "timedatectl set-ntp true"]),
+        ({"clock": "free"}, ALONE, "ok", ["clock may be wrong"]),
         ({"clock": "unknown"}, FACE, "warning", ["cannot tell", "chronyc"]),
         ({"free_disk": 1 << 20}, FACE, "warning", ["1 MiB free on the disk", "make room"]),
         ({"free_memory": 1 << 20}, FACE, "warning", ["1 MiB free in memory", "fewer observers"]),
@@ -100,9 +102,9 @@ def test_the_needs_of_observers():
     }
     scene = Scene(scene="dojo", observers=sections)
     assert machine_needs(scene, scene.roster) == MachineNeeds(
-        ("filmed", "webcam", "taught", "pose", "own"), ("filmed", "webcam"), ("pose", "own"), ("pose",)
+        ("filmed", "webcam", "taught", "pose", "own"), ("filmed", "webcam"), ("pose", "own"), ("pose",), False
     )
-    assert machine_needs(scene, ["tracks"]) == NOTHING
+    assert machine_needs(scene, ["tracks"]) == ALONE
 
 
 @pytest.mark.parametrize(
@@ -147,6 +149,13 @@ def scene_facts(observers=("a", "b"), certain=True, trouble="", mode="machine", 
 
 def report(name, faults=(), doubts=(), labels=("x", "y"), lacks=()):
     return PreflightReport(name, "m.npz", "positions", labels, 15.0, faults, doubts, lacks)
+
+
+def test_models_without_other_motion_are_one_hint():
+    reports = {name: replace(report(name), blends_only=True) for name in ("a", "b")}
+    findings = check_scene(scene_facts(**reports))
+    assert [each.what.partition(":")[0] for each in findings if each.mark != "ok"] == ["a, b"]
+    assert worst(findings) == "hint" and summary(findings) == "all is well"
 
 
 CROWD = tuple(f"cam{number}" for number in range(900))

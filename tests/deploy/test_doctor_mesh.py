@@ -173,7 +173,7 @@ def test_a_missing_observer_matters_when_too_few_are_left_to_agree(missing, mark
 
 def test_an_empty_mesh_and_one_without_fusion():
     (nobody,) = check_mesh(EXPECTED, traffic_of({}, (), ()))
-    assert nobody.mark == "warning" and "labanmesh up s.toml" in nobody.to_do
+    assert nobody.mark == "hint" and "labanmesh up s.toml" in nobody.to_do
     findings = check_mesh(EXPECTED, traffic_of({name: [status(name)] for name in SCENE.roster}, fusions=()))
     assert mark_of(findings, ["no fusion service is alive", "labanmesh fuse s.toml"]) == "error"
 

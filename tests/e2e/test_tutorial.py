@@ -113,6 +113,7 @@ def test_every_command_of_the_tutorial_works_and_prints_what_the_page_shows(read
             for command in text.splitlines():
                 (reader.type_into_second_terminal if in_second else reader.type_in)(command)
         elif language == "text":
+            assert not re.search(r"(?i)warning|traceback", reader.output), reader.output
             for line in text.splitlines():
                 assert plain(line).strip() in plain(reader.output), f"the page shows: {line}\nbut:\n{reader.output}"
             reader.output = ""

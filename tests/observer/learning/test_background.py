@@ -244,7 +244,7 @@ def test_learn_and_add_on_the_command_line(run, archives):
         "--background",
         "blends",
     )
-    assert "something else is known only by blends of the movements: add recordings of what else people do" in out
+    assert "something else is known by blends of the movements; --background adds recordings" in out
     more = ["learn", archives / "all.npz", "--view", "door", "-o", archives / "a.model", "--add-to"]
     status, out, _ = run(*more, archives / "a.model", "--labels", "byebye")
     assert status == 0 and "no longer something else: byebye" in out
