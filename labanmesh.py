@@ -2,7 +2,6 @@
 # ruff: noqa: E402 - Ctrl-C has to be handled before the imports that take a moment
 
 import atexit
-import errno
 import importlib
 import importlib.util
 import os
@@ -101,7 +100,6 @@ SYSTEM_LIBRARY = "cannot open shared object file"
 INSTALL_LIBRARY = "install that library of the system (libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
 LINE_LIMIT = 2000
 INTERRUPTED = 130
-WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -134,7 +132,7 @@ def _status_of(words: Sequence[str]) -> int:
     if shadow:
         print(f"labanmesh: {shadow}", file=sys.stderr)
         return 2
-    from common.errors import LabanmeshError, reason_of, with_scene_file
+    from common.errors import LabanmeshError, machine_fault, with_scene_file
 
     if IS_PROGRAM and (sys.stdout.isatty() or sys.stderr.isatty()):
         from common.terminal import wrap_on_terminals
@@ -156,14 +154,12 @@ def _status_of(words: Sequence[str]) -> int:
         # The reader of our output has closed it.
         _discard_output()
         return 0
-    except OSError as error:
-        if error.filename is not None or error.errno not in WRITE_ERRORS:
+    except BaseException as error:
+        if not (fault := machine_fault(error)):
             raise
-        _discard_output()
-        print(
-            f"labanmesh: cannot write the output: {reason_of(error)}. Make room, or redirect it elsewhere",
-            file=sys.stderr,
-        )
+        with suppress(OSError):
+            _discard_output()
+        print(f"labanmesh: {fault}", file=sys.stderr)
         return 1
 
 
@@ -269,10 +265,12 @@ def _run(verb: str, words: Sequence[str]) -> int:
     from typer.exceptions import TyperException
 
     from common.errors import BadInput
+    from common.files import require_open_files
     from common.interrupt import interruptible
 
     try:
         command = typer.main.get_command(app_of(verb, words))
+        require_open_files()
         with interruptible() if TAKES_CTRL_C else nullcontext():
             status = command.main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:

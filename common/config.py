@@ -25,7 +25,7 @@ from common.config_sections import (
     default_quorum,
 )
 from common.errors import BadInput, reason_of
-from common.files import read_toml
+from common.files import expand_home, read_toml
 from common.keys import SceneKeys, identifier
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -117,7 +117,7 @@ class Scene(Section):
 
     def place(self, name: str) -> Path:
         """The path of a file that the scene file names; relative names start from the scene file's folder."""
-        return (self._folder or Path()) / Path(name).expanduser()
+        return (self._folder or Path()) / expand_home(name)
 
     @property
     def has_folder(self) -> bool:
@@ -173,7 +173,7 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
         raise BadInput(f"{path}: {error}") from None
     scene._folder, scene._file = path.absolute().parent, path
     models = (os.environ if environment is None else environment).get(MODELS)
-    scene._models = Path(models).expanduser() if models else None
+    scene._models = expand_home(models) if models else None
     return scene
 
 
@@ -195,7 +195,7 @@ def _resolve_credentials(table: dict[str, Any], folder: Path) -> None:
     """Make the folder of credentials absolute: [mesh] is passed on without the scene."""
     mesh = table.get("mesh")
     if isinstance(mesh, dict) and isinstance(name := mesh.get("credentials"), str) and name:
-        mesh["credentials"] = str(folder / Path(name).expanduser())
+        mesh["credentials"] = str(folder / expand_home(name))
 
 
 def _set_defaults(table: dict[str, Any]) -> None:

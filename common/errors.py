@@ -1,6 +1,11 @@
 """Errors that people read: one line that names the value, the rule and the way out. Pure."""
 
+import errno
 from collections.abc import Sequence
+
+WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread")
+"""The words of the loader, the system and Python for too little memory."""
 
 
 class LabanmeshError(Exception):
@@ -18,6 +23,24 @@ class BadInput(LabanmeshError):  # noqa: N818 - it names whose fault it is, whic
 def reason_of(error: OSError) -> str:
     """The operating system's reason in lower case: `permission denied`."""
     return (error.strerror or str(error)).lower()
+
+
+def machine_fault(error: BaseException) -> str:
+    """One line for an error by which the machine, not the program, is at fault; "" for any other."""
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.EMFILE, errno.ENFILE):
+        return "too many open files; raise the limit, as with ulimit -n 4096"
+    if (
+        isinstance(error, MemoryError)
+        or number == errno.ENOMEM
+        or any(each in str(error).lower() for each in NO_MEMORY)
+    ):
+        return "out of memory; end other programs, or raise the limit of this one, as with ulimit -v unlimited"
+    if isinstance(error, OSError) and number in WRITE_ERRORS and error.filename is None:
+        return f"cannot write the output: {reason_of(error)}. Make room, or redirect it elsewhere"
+    if type(error).__name__ == "PanicException":
+        return f"Zenoh cannot work here: {error}; are memory, threads or open files limited (ulimit -a)?"
+    return ""
 
 
 def with_scene_file(message: str, words: Sequence[str]) -> str:

@@ -2,14 +2,19 @@
 
 import os
 import re
+import resource
 import tomllib
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from common.errors import BadInput, LabanmeshError
+
 TEXT_LIMIT = 16 * 2**20
 """Bytes of a text file: no scene, camera or register is that long, and a device without end is."""
 
+OPEN_FILES = 64
+"""A dashboard opens 17 before its first listener; each connection takes one or two."""
 LINE_LIMIT = 60
 """Characters of a wrong line that are quoted."""
 TOML_RULES = {
@@ -32,6 +37,27 @@ TOML_RULES = {
     "Invalid date": "text stands in quotes",
 }
 """What is right, by how a message of tomllib begins."""
+
+
+def require_open_files() -> None:
+    """Let this process have OPEN_FILES at least; raises LabanmeshError where a hard limit forbids it.
+
+    Libraries end the process, or print a stack, when they cannot open a file.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    if soft == resource.RLIM_INFINITY or soft >= OPEN_FILES:
+        return
+    if hard != resource.RLIM_INFINITY and hard < OPEN_FILES:
+        raise LabanmeshError(f"{hard} open files are too few; raise the limit, as with ulimit -n 4096")
+    resource.setrlimit(resource.RLIMIT_NOFILE, (OPEN_FILES, hard))
+
+
+def expand_home(name: str) -> Path:
+    """The path `name`, with the home folder for `~`; raises BadInput for the home of an unknown user."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        raise BadInput(f"{name}: no user of this machine has this home folder; write the whole path") from None
 
 
 def read_text(path: Path, limit: int = TEXT_LIMIT) -> str:
