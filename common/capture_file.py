@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from common.capture_record import CaptureKind, CaptureRecord
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError, reason_of
+from common.message_types import LAST_INTEGER
 from common.text import plural
 
 SUFFIX = ".mcap"
@@ -143,6 +144,8 @@ class CaptureFile:
             elif isinstance(entry, Message):
                 if entry.channel_id not in channels:
                     raise LabanmeshError(f"{self.path}: damaged: a message without a channel; capture again")
+                if entry.log_time > LAST_INTEGER:
+                    raise LabanmeshError(f"{self.path}: damaged: a message from after the year 2262; capture again")
                 kind, key = channels[entry.channel_id]
                 yield CaptureRecord(kind, key, entry.data, entry.log_time)
 

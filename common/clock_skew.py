@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
-from common.keys import observer_of
 from common.messages import StatusMessage
 from common.wire import BadMessage, decode_from
 
@@ -107,8 +106,8 @@ class ClockQuerier:
         self._link.request(self._key, answered, ANSWER_TIMEOUT_S)
         return True
 
-    def readings(self) -> list[tuple[str, ClockReading]]:
-        """The readings since the last call, each with the id of its process, which is the one in the answer's key."""
+    def readings(self) -> list[tuple[StatusMessage, ClockReading]]:
+        """The readings since the last call, each with the status that was the answer; its id is the one in the key."""
         readings = []
         while self._answers:
             answer = self._answers.popleft()
@@ -118,7 +117,7 @@ class ClockQuerier:
                 continue
             if status.at_ns is not None:
                 reading = ClockReading(answer.asked_ns, status.at_ns, answer.answered_ns)
-                readings.append((observer_of(answer.key), reading))
+                readings.append((status, reading))
         return readings
 
 

@@ -6,6 +6,8 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from common.text import printable
+
 ROUND_OFF = 1e-6
 """A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
 TEXT_LIMIT = 200
@@ -16,6 +18,8 @@ CONTRADICTED = 0.6
 """An observer that is relied on less than this is contradicted by the others; honest ones of people stay above .85."""
 OVERLOADED = "too slow for all of them"
 """Part of the reason of a process that is degraded because it cannot keep up; after the next semicolon, what to do."""
+STANDING_BY: Final = "standing by"
+"""How the reason of a fusion service begins that publishes nothing, because another one does."""
 SAME_ID_REASON: Final = "another process has this id"
 """The reason in the status of a fusion service that has noticed a second process of its id."""
 LABELS_LIMIT = 10_000
@@ -47,9 +51,11 @@ def _not_negative(value: float) -> float:
 _NearProbability = Annotated[
     FiniteFloat, Field(ge=-ROUND_OFF, le=1 + ROUND_OFF, json_schema_extra={"minimum": 0, "maximum": 1})
 ]
-ShortText = Annotated[str, AfterValidator(lambda text: text[:TEXT_LIMIT])]
-Id = Annotated[str, Field(max_length=ID_LIMIT)]
-Label = Annotated[str, Field(max_length=LABEL_LIMIT)]
+Printable = AfterValidator(printable)
+"""Text of a message reaches terminals and logs, where no character of a stranger may control anything."""
+ShortText = Annotated[str, AfterValidator(lambda text: text[:TEXT_LIMIT]), Printable]
+Id = Annotated[str, Field(max_length=ID_LIMIT), Printable]
+Label = Annotated[str, Field(max_length=LABEL_LIMIT), Printable]
 """The label of a movement, or "" where there is none."""
 Identifier = Annotated[str, Field(pattern=r"^[a-z0-9_-]{1,64}$")]
 Count = Annotated[int, Field(ge=0, le=LAST_INTEGER)]

@@ -20,6 +20,7 @@ from common.message_types import (
     Id,
     Identifier,
     Label,
+    Printable,
     Probabilities,
     Probability,
     Roots,
@@ -42,8 +43,7 @@ VerdictStage = Literal["decided", "revised", "ended"]
 class Message(MessagePart):
     """The base of all messages, with the schema version."""
 
-    VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)
-    """The versions that can be decoded."""
+    VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)  # those that can be decoded
     v: Literal[1] = SCHEMA_VERSION
 
 
@@ -194,7 +194,7 @@ class JudgementMessage(Message):
     facets: dict[str, Probabilities] | None = None
     facing_deg: FiniteFloat | None = None
     movement: OngoingMovement | None = None
-    why: Annotated[str, Field(max_length=WHY_LIMIT)] | None = None
+    why: Annotated[str, Field(max_length=WHY_LIMIT), Printable] | None = None
     epoch: Count | None = None
     session: Id | None = None
 

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, FiniteFloat
 
 from common.errors import BadInput
-from common.message_types import LABELS_LIMIT, Count, Id, Identifier, Label, Probability, Time
+from common.message_types import LABELS_LIMIT, Count, Id, Identifier, Label, Printable, Probability, Time
 from common.messages import Message, MessagePart
 
 TEXT_LIMIT = 300
@@ -32,8 +32,8 @@ TeachCommand = Literal[
 ]  # fmt: skip
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
-Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
-Person = Annotated[str, Field(max_length=PERSON_LIMIT)]
+Text = Annotated[str, Field(max_length=TEXT_LIMIT), Printable]
+Person = Annotated[str, Field(max_length=PERSON_LIMIT), Printable]
 Seconds = Annotated[FiniteFloat, Field(ge=0)]
 Labels = Annotated[list[Label], Field(max_length=LABELS_LIMIT)]
 CountOf = Annotated[dict[Label, Count], Field(max_length=LABELS_LIMIT)]

@@ -18,6 +18,8 @@ def plural(count: int, singular: str, irregular: str = "") -> str:
 
 def printable(text: str) -> str:
     """`text` with `?` for characters that could control a terminal; whatever comes over the network may have some."""
+    if text.isprintable():
+        return text
     return "".join(character if character.isprintable() else "?" for character in text)
 
 

@@ -15,7 +15,7 @@ import logging
 
 from common.config import Scene
 from common.keys import observer_of as service_of
-from common.message_types import OVERLOADED, SAME_ID_REASON
+from common.message_types import OVERLOADED, SAME_ID_REASON, STANDING_BY
 from common.messages import JudgementMessage, ProcessState
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
@@ -274,7 +274,7 @@ class SceneMember:
             reason = ASKING if self.worker is None else self.worker.complaint
         else:
             owner = self.ownership.owner
-            reason = f"standing by for {owner}" if owner else "standing by"
+            reason = f"{STANDING_BY} for {owner}" if owner else STANDING_BY
         if reason != self._reason:
             first, self._reason = self._reason is None, reason
             state: ProcessState = "starting" if reason == ASKING else "running"

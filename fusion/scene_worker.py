@@ -181,8 +181,8 @@ class SceneWorker:
         """Ask for the observers' clocks if it is due, and take the answers; after a step, when no listener waits."""
         if self._clocks.ask_if_due():
             self._status.observers = self._ingest.statistics(self._scene.roster)
-        for observer, reading in self._clocks.readings():
-            self._engine.record_clock(observer, reading)
+        for status, reading in self._clocks.readings():
+            self._engine.record_clock(status.id, reading)
 
     def _can_publish(self) -> bool:
         """Whether to publish now: while the router is away, verdicts wait, and judgements with them."""

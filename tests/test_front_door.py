@@ -1,5 +1,6 @@
 """The command line: help, errors, exit statuses, and packages hidden by others."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -154,6 +155,40 @@ def test_an_exception_is_a_status_and_one_line_or_none(run, verb, error, status,
     verb(bow)
     ended, out, err = run("bow")
     assert (ended, out, err.strip()) == (status, "", line)
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (OSError(errno.EMFILE, "Too many open files", "a.npz"), "too many open files; raise the limit"),
+        (MemoryError(), "out of memory; "),
+        (ImportError("libstdc++.so.6: failed to map segment from shared object"), "out of memory; "),
+        (RuntimeError("can't start new thread"), "out of memory; "),
+        (type("PanicException", (BaseException,), {})("Failed to init net"), "Zenoh cannot work here: Failed to init"),
+    ],
+)
+def test_a_machine_that_cannot_is_one_line(run, verb, error, line):
+    def bow() -> None:
+        raise error
+
+    verb(bow)
+    status, out, err = run("bow")
+    assert (
+        (status, out) == (1, "") and err.startswith(f"labanmesh: {line}") and err.count("\n") == 1 and "ulimit" in err
+    )
+
+
+def test_too_few_open_files_is_one_line():
+    limited = "import resource, sys; resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20)); import labanmesh; "
+    ended = process(sys.executable, "-c", limited + "sys.exit(labanmesh.main(['fuse', 'nowhere.toml']))")
+    assert ended.returncode == 1 and ended.stderr.startswith("labanmesh: 20 open files are too few; raise the limit")
+
+
+def test_the_home_of_an_unknown_user_is_one_line(run, tmp_path):
+    scene = tmp_path / "s.toml"
+    scene.write_text('scene = "dojo"\n[mesh]\ncredentials = "~nosuchuser/c"\n[observers.a]\nsource = "a.npz"\n')
+    status, _, err = run("fuse", str(scene))
+    assert status == 2 and "~nosuchuser/c: no user of this machine" in err and err.count("\n") == 1
 
 
 def test_a_command_in_an_error_names_the_scene_file_that_was_typed(run, verb):

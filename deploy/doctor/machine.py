@@ -80,14 +80,13 @@ class MachineFacts:
 
 @dataclass(frozen=True, slots=True)
 class MachineNeeds:
-    """Which observers, by id, need OpenCV, its face cascade, mediapipe, and the model that mediapipe may bring."""
+    """Which observers, by id, need OpenCV, its face cascade, mediapipe, the model that it may bring; other machines."""
 
     opencv: tuple[str, ...] = ()
     cascade: tuple[str, ...] = ()
     mediapipe: tuple[str, ...] = ()
     carried_model: tuple[str, ...] = ()
     other_clocks: bool = True
-    """Whether processes of other machines take part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,7 +208,8 @@ def machine_needs(scene: "Scene", observers: Sequence[str]) -> MachineNeeds:
     colour = [name for name in pictures if trackers[name] == "camshift"]
     untaught = [name for name in colour if not (sections[name].skin or sections[name].face)]
     carried = [name for name in pose if not sections[name].pose_model]
-    return MachineNeeds(*map(tuple, (pictures, untaught, pose, carried)), scene.mesh.mode == "router")
+    clocks = scene.mesh.mode == "router"
+    return MachineNeeds(tuple(pictures), tuple(untaught), tuple(pose), tuple(carried), clocks)
 
 
 def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = True) -> list[Finding]:

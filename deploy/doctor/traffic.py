@@ -10,7 +10,7 @@ from typing import Final, TypeVar
 
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
-from common.message_types import CONTRADICTED, OVERLOADED, SAME_ID_REASON
+from common.message_types import CONTRADICTED, OVERLOADED, SAME_ID_REASON, STANDING_BY
 from common.messages import JudgementMessage, Message, PosteriorMessage, StatusMessage
 from common.text import plural
 from common.wire import BadMessage, decode_from
@@ -22,7 +22,6 @@ PROCESSES_LIMIT = 64
 """How many processes are recorded; a program that invents names cannot fill a page."""
 OLD_FRAME_S = 2.0
 """A running process that is without a frame for longer reports itself as degraded."""
-STANDING_BY = "standing by"
 WAYS_OUT = {
     "wrong_version": "install the same labanmesh on every machine, and start that process again",
     "too_large": "use fewer observers or movements in one scene, or shorter names; other programs must keep to 64 KiB",

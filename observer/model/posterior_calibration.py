@@ -84,7 +84,12 @@ def _learned(watch: "Watch") -> Floats:
 
 
 def _answers(learned: Floats, unlearned: Floats | None) -> Floats:
-    return learned if unlearned is None else np.vstack([learned * (1.0 - unlearned.sum()), unlearned])
+    return learned if unlearned is None else np.vstack([learned * (1.0 - _probability(unlearned)), unlearned])
+
+
+def _probability(over_facings: Floats) -> float:
+    """The sum over the facings; rounding may bring it above 1, and one less it below 0, whose logarithm is NaN."""
+    return min(float(over_facings.sum()), 1.0)
 
 
 def given_learned(answers: Floats) -> Floats:
@@ -98,10 +103,10 @@ def calibrated_posterior(watch: "Watch", calibration: PosteriorCalibration) -> t
     """(M, K) calibrated posterior given that it is one of the movements, and P(none of them), None if unknown."""
     learned, unlearned = _learned(watch), watch.unlearned
     if calibration.learned_only and unlearned is not None:
-        return calibration.apply(learned), float(unlearned.sum())
+        return calibration.apply(learned), _probability(unlearned)
     answers = calibration.apply(_answers(learned, unlearned))
     if unlearned is not None:
-        return given_learned(answers), float(answers[-1].sum())
+        return given_learned(answers), _probability(answers[-1])
     return answers, calibration.unlearned(answers.sum(axis=1), watch.predictive_log_likelihood)
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
 from common import SECOND_NS
-from common.clock_skew import ClockQuerier, ClockSkew
+from common.clock_skew import ClockQuerier
 from common.config import Scene
 from common.health import ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
@@ -19,6 +19,7 @@ from common.messages import ProcessState, StatusMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
+from observer.runtime.fusion_clock import FusionClock
 from observer.runtime.pipeline import Posterior, PosteriorEncoder, SendOnChange
 from observer.tracks import Frame, FrameSource
 
@@ -168,7 +169,7 @@ def serve(
     health = health or HealthReporter()
     keys, status = scene.keys, ProcessStatus(scene.scene, observer_id)
     publisher = _posterior_publisher(scene, observer_id, observer.vocabulary, link)
-    fusion_clock = _FusionClock(ClockQuerier(link, keys.fusion_status(), clock))
+    fusion_clock = FusionClock(ClockQuerier(link, keys.fusion_status(), clock))
     link.answer(keys.vocabulary, lambda: _encoded(scene.scene, publisher.vocabulary))
     with (
         instrument(scene, observer_id, lambda: status.status(clock())) as record_frame,
@@ -198,21 +199,6 @@ def serve(
 
 def _encoded(scene: str, vocabulary: Vocabulary | None) -> bytes | None:
     return None if vocabulary is None else encode_vocabulary(scene, vocabulary)
-
-
-class _FusionClock:
-    """Follows the fusion service's clock."""
-
-    def __init__(self, querier: ClockQuerier) -> None:
-        self._querier, self._skew = querier, ClockSkew()
-
-    def skew_s(self) -> float | None:
-        """Seconds by which our clock is ahead of it; None before its first answer. To be called in a loop."""
-        self._querier.ask_if_due()
-        for _, reading in self._querier.readings():
-            self._skew.note(reading)
-        ahead_s = self._skew.skew_s
-        return None if ahead_s is None else -ahead_s
 
 
 def _publish_end(observer: ObserverLike, publisher: "PosteriorPublisher", captured_ns: int, now_ns: int) -> None:

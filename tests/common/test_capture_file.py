@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,7 @@ ONE = st.builds(
     kind=st.sampled_from(("put", "answer", "token")),
     key=st.sampled_from(("laban/dojo/judgement", "laban/dojo/observer/cam1/posterior", "laban/dojo/é")),
     payload=st.binary(max_size=50),
-    arrived_ns=st.integers(0, 2**63),
+    arrived_ns=st.integers(0, 2**63 - 1),
 )
 
 
@@ -94,6 +95,13 @@ def test_a_damaged_file_is_one_line(tmp_path, place, value):
         assert len(list(CaptureFile(path).records())) <= len(RECORDS) + 1
     except LabanmeshError as error:
         assert str(error).count("\n") == 0 and str(path) in str(error)
+
+
+def test_a_time_that_no_message_can_have_is_one_line(tmp_path):
+    with CaptureWriter(tmp_path / "a.mcap", SCENE, TEXT, 5) as writer:
+        writer.write(replace(RECORDS[0], arrived_ns=2**63))
+    with pytest.raises(LabanmeshError, match=r"a\.mcap: damaged: a message from after the year 2262"):
+        list(CaptureFile(tmp_path / "a.mcap").records())
 
 
 def test_a_damaged_length_reserves_no_memory(tmp_path):

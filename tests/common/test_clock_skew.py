@@ -63,5 +63,5 @@ def test_the_process_is_the_one_in_the_key_and_a_field_that_claims_another_is_re
 
     querier = ClockQuerier(Link(), "laban/dojo/observer/*/status", lambda: 5 * SECOND_NS)
     assert querier.ask_if_due() and not querier.ask_if_due()
-    ((process, reading),) = querier.readings()
-    assert process == "cam1" and reading.skew_ns == 2 * SECOND_NS and querier.readings() == []
+    ((answer, reading),) = querier.readings()
+    assert answer.id == "cam1" and reading.skew_ns == 2 * SECOND_NS and querier.readings() == []

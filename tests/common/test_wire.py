@@ -25,6 +25,8 @@ from common.messages import (
     VoteState,
 )
 from common.picture_message import PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
+from common.teaching_messages import TeachReply
+from common.text import printable
 from common.vocabulary import ABSTAIN
 from common.wire import (
     SIZE_LIMIT,
@@ -38,7 +40,7 @@ from common.wire import (
 
 IDS = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=64)
 COUNTS = st.integers(0, 2**63 - 1)
-WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
+WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30).map(printable)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
 PROBABILITIES, BITS = st.floats(0, 1), st.floats(0, 20)
 POSTERIORS = st.builds(
@@ -84,6 +86,36 @@ def test_a_map_from_another_language_is_decoded():
 def test_none_is_omitted_but_an_open_end_is_null():
     assert set(msgpack.unpackb(encode(decode(PosteriorMessage, changed())))) == {*FIELDS}
     assert msgpack.unpackb(encode(verdict(label=ABSTAIN)))["ended_ns"] is None
+
+
+def texts_in(value):
+    """All texts in a message, at any depth."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, dict):
+        for name, part in value.items():
+            yield from (name, *texts_in(part))
+    elif isinstance(value, list):
+        for part in value:
+            yield from texts_in(part)
+
+
+ESCAPE = "\x1b[2J\x07\n"
+
+
+@pytest.mark.parametrize(
+    ("message", "fields"),
+    [
+        (verdict(), ("label", "rule", "id", "session", "why")),
+        (status(), ("reason", "version", "session")),
+        (TeachReply(state="idle"), ("fault", "complaint")),
+    ],
+)
+def test_no_text_of_a_message_controls_a_terminal(message, fields):
+    payload = msgpack.packb(msgpack.unpackb(encode(message)) | dict.fromkeys(fields, ESCAPE))
+    read = decode(type(message), payload)
+    assert all(getattr(read, name) == "?[2J??" for name in fields)
+    assert all(text.isprintable() for text in texts_in(read.model_dump()))
 
 
 @pytest.mark.parametrize(("ended_ns", "stage"), [(None, "decided"), (9, "ended")])

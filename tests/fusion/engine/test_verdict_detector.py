@@ -349,6 +349,8 @@ def test_a_movement_has_one_first_word_a_few_revisions_and_one_end_and_its_times
             assert d.decided_ns == at_ns and d.label != ABSTAIN
         else:
             assert d.began_ns <= d.ended_ns <= at_ns and d.ended_ns - d.began_ns >= hold_ns
+            # As wire.md says; one step is at most 400 ms long.
+            assert d.decided_ns - d.ended_ns <= 2 * hold_ns + 4e8
             assert at_ns - d.ended_ns >= hold_ns
             later = [state for state in until_then if d.ended_ns < state.at_ns]
             faded = all(s.rest >= 0.5 or s.label != d.label or 2 * s.p < config.threshold for s in later)

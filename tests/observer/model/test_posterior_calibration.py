@@ -1,5 +1,7 @@
 """Posterior calibration: the formula by hand, its properties, and the fit of simulated results."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,6 +18,7 @@ from observer.model.posterior_calibration import (
     _logistic,
     _nearly_cautious,
     _weights,
+    calibrated_posterior,
     fit_calibration,
 )
 
@@ -35,6 +38,18 @@ def test_by_hand():
         [0.9 * 0.8 + 0.05, 0.9 * 0.2 + 0.05]
     )
     assert PosteriorCalibration(3.0, 0.2).apply(np.array([1.0, 0.0])) == pytest.approx([0.9, 0.1])
+
+
+@given(st.lists(st.floats(0, 1), min_size=2, max_size=12).filter(sum), st.floats(0, 1), st.booleans())
+def test_rounding_over_the_facings_makes_no_probability_above_one_and_none_below_zero(shares, u, learned_only):
+    facing = np.array(shares) / sum(shares)
+    # A sum that is above 1 by rounding, as of a model that is certain of something else.
+    unlearned = np.nextafter(facing, 2) * (1.0 if u > 0.5 else u)
+    joint = np.full((2, len(facing)), 0.5 / len(facing))
+    watch = SimpleNamespace(joint=joint, unlearned=unlearned)
+    calibration = PosteriorCalibration(1.5, 0.0, learned_only=learned_only)
+    p, something_else = calibrated_posterior(watch, calibration)
+    assert 0 <= something_else <= 1 and p.min() >= 0 and p.sum() == pytest.approx(1)
 
 
 @some
