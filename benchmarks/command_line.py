@@ -3,12 +3,14 @@
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 import typer
 from typer.exceptions import TyperException
 
 from common.errors import BadInput, LabanmeshError, reason_of
+from common.interrupt import interruptible
 
 
 def run_command(function: Callable[..., int | None], name: str, arguments: Sequence[str] | None = None) -> int:
@@ -17,12 +19,14 @@ def run_command(function: Callable[..., int | None], name: str, arguments: Seque
     Returns the exit status: what `function` returns, else 0; 1 for an error at run time; 2 for bad input; 130 after
     Ctrl-C. Errors go to stderr as one line that begins with `name`.
     """
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
     app.command()(function)
     words = sys.argv[1:] if arguments is None else arguments
     program = "python -m benchmarks" if name == "bench" else f"python -m benchmarks.{name}"
     try:
-        status = typer.main.get_command(app).main(words, program, standalone_mode=False)
+        # Words of a test are no command: Ctrl-C is the test runner's.
+        with interruptible() if arguments is None else nullcontext():
+            status = typer.main.get_command(app).main(words, program, standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         print(f"{name}: {text.rstrip('.')}; see {program} --help", file=sys.stderr)

@@ -88,6 +88,8 @@ def test_help_of_every_verb_has_an_example(run, name):
     assert (status, err) == (0, ""), err
     assert f"Usage: labanmesh {name}" in out and "Example" in out and f"labanmesh {name}" in out.split("Example", 1)[1]
     assert function.__doc__.splitlines()[0].rstrip(".") in " ".join(out.split())
+    # Every option is whole, within 80 columns.
+    assert "\u2026" not in out and all(len(line) <= 80 for line in out.splitlines())
 
 
 def test_help_flows_and_keeps_words_in_brackets(run, verb):

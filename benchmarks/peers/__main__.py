@@ -76,7 +76,8 @@ def peers(options: PeersOptions) -> None:
     Example: python -m benchmarks.peers karate.npz --stream --leave-one-subject-out
     """
     text = _page_text(options)
-    tasks = _tasks(options)
+    with ProgressBar("reading the recordings"):
+        tasks = _tasks(options)
     tables = _tables(tasks, PeerOptions(range(1 if options.fast else SEEDS), options.fast, options.jobs or cores()))
     written = []
     if options.page:

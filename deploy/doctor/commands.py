@@ -29,7 +29,7 @@ from deploy.doctor.security import check_security, security_facts
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
 """How long checks may take, also on a busy machine; that of the network on top of the time that it listens."""
 NO_OBSERVER = "none"
-COLOURS: dict[Mark, str] = {"ok": "green", "warning": "yellow", "error": "red"}
+COLOURS: dict[Mark, str] = {"ok": "green", "hint": "cyan", "warning": "yellow", "error": "red"}
 
 
 def doctor(

@@ -41,6 +41,7 @@ Days = Annotated[float, typer.Option(min=0.0, max=36_500, help="How long the cer
 secure = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     no_args_is_help=False,
     help="""Certificates and access rules for named machines, from an authority of one scene or of several.
 

@@ -11,6 +11,7 @@ from common.text import plural
 hub = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     no_args_is_help=False,
     help="""Pass a scene on to home automation.
 

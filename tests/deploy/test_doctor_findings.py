@@ -12,8 +12,10 @@ from common.config_sections import ClipsConfig
 from common.credentials import Certificate
 from deploy.doctor.broker import BrokerFacts, broker_facts, check_broker
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
+from deploy.doctor.commands import COLOURS
 from deploy.doctor.findings import (
     GROUPS,
+    MARKS,
     Finding,
     as_json,
     from_fault,
@@ -358,6 +360,10 @@ def test_the_page_has_marks_in_words_and_hides_nothing():
     read = json.loads(as_json(findings, "0.1.0"))
     assert read["worst"] == "error" and [each["mark"] for each in read["findings"]] == ["error", "ok", "warning"]
     assert set(read["findings"][0]) == {"group", "mark", "what", "to_do"}
+
+
+def test_every_mark_has_a_colour():
+    assert tuple(COLOURS) == MARKS
 
 
 def test_the_page_of_the_docs_names_every_group():
