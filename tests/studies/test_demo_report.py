@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common import SECOND_NS
+from common.config import read_scene
 from common.errors import BadInput
 from common.messages import Agreement, JudgementMessage, VerdictMessage, VocabularyReference, Vote
 from observer.motion.archive import Recording, Span
@@ -98,3 +99,10 @@ def test_a_folder_that_cannot_be_written_is_one_line_with_a_way_out(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match=r"^cannot make the folder .*file: .*\. Choose another one with --output$"):
         write_demo(synthetic_performance(0), tmp_path / "file", lambda *_: None, pixels=False)
+
+
+def test_without_pixels_observers_get_positions_and_nothing_is_filmed(tmp_path, monkeypatch):
+    monkeypatch.setattr("studies.demo_scene.run_parts", lambda *_: [])  # models would be learned
+    file, rate = write_demo(synthetic_performance(0), tmp_path / "shown", lambda *_: None, pixels=False)
+    observers = read_scene(file).observers.values()
+    assert rate is None and {observer.source for observer in observers} == {"performance.npz"} and len(observers) == 4
