@@ -1,4 +1,4 @@
-"""`labanmesh capture` and `replay` with real processes: what was judged live is judged again, bit for bit."""
+"""`labanmesh up`, `capture` and `replay` with real processes: what was judged live is judged again, bit for bit."""
 
 import re
 import signal
@@ -6,7 +6,7 @@ import threading
 import time
 
 import pytest
-from e2e_stage import SOON_S, free_endpoint, played, started, write_scene
+from e2e_stage import PERFORMED, SOON_S, free_endpoint, played, started, write_scene
 from processes import labanmesh as command
 
 import labanmesh
@@ -14,15 +14,18 @@ from common.capture_file import CaptureFile
 from common.config import read_scene
 from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
+from common.vocabulary import ABSTAIN
 from common.wire import decode
 
+SEEN_FROM = ("door", "corner")
 
-def wait_for(condition):
+
+def wait_for(condition, pause_s=0.05):
     deadline_s = time.monotonic() + SOON_S
     pause = threading.Event()
     while not condition():
         assert time.monotonic() < deadline_s
-        pause.wait(0.05)
+        pause.wait(pause_s)
 
 
 def payloads(path, key):
@@ -37,12 +40,12 @@ def process(path, *words):
 @pytest.fixture(scope="module")
 def scene_file(stage):
     """A scene of two views."""
-    return write_scene(stage / "captured.toml", free_endpoint(), played("door", "corner", more="speed = 2.0\n"))
+    return write_scene(stage / "captured.toml", free_endpoint(), played(*SEEN_FROM, more="speed = 2.0\n"))
 
 
 @pytest.fixture(scope="module")
 def captured(scene_file):
-    """Two captures of the same run of `labanmesh up`: a whole one, and one killed after it had received a verdict."""
+    """Two captures of one run of `labanmesh up`, one of them killed after a verdict; and what `up` wrote."""
     whole, killed = scene_file.with_name("whole.mcap"), scene_file.with_name("killed.mcap")
     keys = read_scene(scene_file, {}).keys
     with (
@@ -51,17 +54,34 @@ def captured(scene_file):
     ):
         wait_for(lambda: whole.exists() and killed.exists())
         with process(scene_file, "up", scene_file, "--exit-when-done") as up:
-            wait_for(lambda: payloads(killed, keys.verdict))
+            # Each look reads the whole capture.
+            wait_for(lambda: payloads(killed, keys.verdict), pause_s=0.3)
             dying.send_signal(signal.SIGKILL)
-            assert up.wait(SOON_S) == 0, up.stdout.read()
+            _, log = up.communicate(timeout=SOON_S)
+            assert up.returncode == 0, log
         listening.send_signal(signal.SIGTERM)
         assert listening.wait(SOON_S) == 0
         assert f"{whole}: " in listening.stdout.read()
-    return whole, killed
+    return whole, killed, log
+
+
+def test_a_scene_is_played_judged_and_ends_by_itself(captured):
+    whole, _, log = captured
+    keys = CaptureFile(whole).scene.keys
+    assert {f"{name} finished" in log for name in SEEN_FROM} == {True}
+    assert "Traceback" not in log and "again in" not in log
+    judgements = [decode(JudgementMessage, payload) for payload in payloads(whole, keys.judgement)]
+    assert sum(judgement.agreement.n == len(SEEN_FROM) for judgement in judgements) > 10, log
+    # Models and rules have tests of their own; here: one verdict a movement, published again when it ends.
+    verdicts = [decode(VerdictMessage, payload) for payload in payloads(whole, keys.verdict)]
+    labels = {verdict.id: verdict.label for verdict in verdicts}
+    assert len(labels) == len(PERFORMED) and set(labels.values()) <= {*PERFORMED, ABSTAIN}, f"{labels}\n{log}"
+    assert set(labels.values()) & {*PERFORMED}, f"{labels}\n{log}"
+    assert {verdict.id for verdict in verdicts if verdict.ended_ns is not None} == set(labels)
 
 
 def test_a_replay_is_the_same_bit_for_bit_and_a_killed_capture_is_its_beginning(captured, capsys):
-    whole, killed = captured
+    whole, killed, _ = captured
     keys = CaptureFile(whole).scene.keys
     assert labanmesh.main(["replay", str(whole)]) == 0
     output = capsys.readouterr().out
@@ -90,7 +110,7 @@ def played_onto(scene, scene_file, whole):
 
 
 def test_played_onto_a_mesh_fusion_gives_the_same_labels(captured, scene_file):
-    whole, _ = captured
+    whole, _, _ = captured
     scene = read_scene(scene_file, {})
     then = [decode(VerdictMessage, payload) for payload in payloads(whole, scene.keys.verdict)]
     assert then
