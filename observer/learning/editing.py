@@ -24,12 +24,12 @@ from observer.model.base import (
     LearnsStreams,
     MovementModel,
     WithBackground,
-    evenly_spread,
     with_defaults,
     with_features,
 )
 from observer.model.body_trace import tracks_of
 from observer.model.cross_validation import held_out_of
+from observer.model.even_spread import evenly_spread
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.model.training_memory import TrainingMemory, trace_in

@@ -1,6 +1,5 @@
 """The protocol of movement models: learned from examples, stored as arrays, and used to watch a person."""
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -298,8 +297,3 @@ def recording_numbers(items: Sequence[Watched]) -> list[int]:
         numbers.append(counts[item.facing])
         counts[item.facing] += 1
     return numbers
-
-
-def evenly_spread(number: int) -> float:
-    """The fractional part of `number` times the golden ratio: successive numbers fill [0, 1) evenly, however many."""
-    return (number * (math.sqrt(5) - 1) / 2) % 1.0

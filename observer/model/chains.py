@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from observer.features import groups_of
 from observer.filtering.phase_filter import FLOOR
-from observer.model.base import evenly_spread
+from observer.model.even_spread import evenly_spread
 from observer.tracks import Floats, Floats32, Integers
 
 

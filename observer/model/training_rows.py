@@ -14,7 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example, Stream, evenly_spread, recording_numbers
+from observer.model.base import Example, Stream, recording_numbers
+from observer.model.even_spread import evenly_spread
 from observer.tracks import Floats32, Integers
 
 Shown = TypeVar("Shown", Example, Stream)

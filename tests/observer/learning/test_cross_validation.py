@@ -186,7 +186,7 @@ def test_calibration_leaves_the_model_unchanged():
     # The spy's posterior is uniform, and argmax takes the first.
     provenance = dict(calibrated.header.provenance)
     assert json.loads(provenance.pop("held_out")) == {"bow": {"bow": 10}, "lunge": {"bow": 10}}
-    assert provenance == {"tried": "20", "right": "10"}
+    assert provenance == {"given": "", "tried": "20", "right": "10"}
 
 
 @pytest.mark.parametrize(
