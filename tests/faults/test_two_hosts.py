@@ -30,7 +30,9 @@ def pull(hosts, how):
 
 
 @pytest.mark.parametrize("how", ["one end", "other end", "both ends", "in between"])
-def test_while_a_cable_is_pulled_the_near_observers_are_judged(replay, tmp_path, hosts, long_form, how):
+def test_while_a_cable_is_pulled_the_near_observers_are_judged_and_then_lost_packets_lose_no_verdict(
+    replay, tmp_path, hosts, long_form, how
+):
     if how != "one end" and not long_form:
         pytest.skip("the long form: make faults")
     # Where the first packet may be lost, because the other end is still down, TCP sends it again after a second.
@@ -63,6 +65,15 @@ def test_while_a_cable_is_pulled_the_near_observers_are_judged(replay, tmp_path,
         print(f"{how}: {len(meanwhile)} judgements, {len(missed)} missed, {out_waited_s:.1f} s waited for processors")
         print(f"counted after {counted_s:.2f} s, received {received_s:.2f}, {back_waited_s:.1f} s waited meanwhile")
         assert max(counted_s, received_s) < within_s + back_waited_s
+        loses_no_verdict(stage, far, hosts, movements=8 if long_form else 1)
+
+
+def loses_no_verdict(stage, witness, hosts, movements):
+    """The line loses a fifth of the packets from now on."""
+    for host in (hosts.left, hosts.right):
+        host.lose(20)
+    judged(stage, witness, movements)
+    assert hosts.left.lost > 20 and hosts.right.lost > 20, "no packets were lost"
 
 
 def waited_s(stage, *names):
@@ -73,18 +84,6 @@ def waited_s(stage, *names):
 def after(witness, at_ns):
     """The first judgement after a time in which the far observers count."""
     return next((one for one in witness.judgements if one["at_ns"] > at_ns and counted(one, *FAR)), None)
-
-
-@pytest.mark.parametrize("percent", [20])
-def test_a_line_that_loses_packets_loses_no_verdict(replay, tmp_path, hosts, long_form, percent):
-    with split(replay, tmp_path, hosts) as stage:
-        stage.play()
-        witness = stage.witness(hosts.left.inside)
-        witness.wait_for(all_count, why="all count")
-        for host in (hosts.left, hosts.right):
-            host.lose(percent)
-        judged(stage, witness, movements=8 if long_form else 1)
-        assert hosts.left.lost > 20 and hosts.right.lost > 20, "no packets were lost"
 
 
 def test_a_long_line_loses_no_verdict(replay, tmp_path, long_form):
