@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import common.parallel
 import common.progress
 
 LONG = {"e2e", "faults", "integration", "attacks"}
@@ -17,6 +18,10 @@ for _library in ("OMP", "OPENBLAS", "MKL"):
 
 # What a command prints must not depend on how long it takes.
 common.progress.BEGIN_S = 3600.0
+
+# The workers of this run have the cores already; a process that learns takes a second to start. Tests of several name
+# their number, and commands that run as processes of their own take what there is.
+common.parallel.cores = lambda: 1
 
 # A deadline measures the machine. In CI, Hypothesis has a profile of its own, with a hundred fixed examples; at a desk
 # each run draws other ones, and a third as many keep `make test` short.
