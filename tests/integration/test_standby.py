@@ -433,7 +433,7 @@ def test_judgements_of_many_observers_fit_and_the_standby_service_stands_by(stag
                 return
 
     publishing, _ = stage.mesh.run(publish)
-    judgement = stage.judgement(lambda j: j.agreement.n > 30)
+    judgement = stage.judgement(lambda j: j.agreement.n == len(observers))
     publishing.set()
     assert judgement.label == "movement_0" and {len(vote.p) for vote in judgement.votes.values() if vote.p} == {200}
     full = decode(JudgementMessage, encode(judgement, full=True))

@@ -114,6 +114,8 @@ def test_kinds_of_source(text, kind):
         ("rtsps:nvr:7441/TOKEN", "rtsps:nvr:7441/...", "rtsps:nvr:7441/TOKEN"),
         ("rtsps:/admin:s3cret@nvr:7441/TOKEN", "rtsps:/nvr:7441/...", "rtsps:/nvr:7441/TOKEN"),
         ("clip.mp4", "clip.mp4", "clip.mp4"),
+        ("user:/s3cret@cam", "...", "..."),
+        ("user://s3cret@cam:1/live", "...@cam:1/...", "...@cam:1/live"),
         ("films/me@home.mp4", "films/me@home.mp4", "films/me@home.mp4"),
         ("zenoh:tracks/cam1", "zenoh:tracks/cam1", "zenoh:tracks/cam1"),
     ],
