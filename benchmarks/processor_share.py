@@ -100,10 +100,9 @@ def _set_quota(folder: Path, cores: float) -> None:
 
 def _family(root: int) -> list[int]:
     """The process and its descendants."""
-    pids, found = [root], 0
-    while found < len(pids):
-        tasks = Path(f"/proc/{pids[found]}/task")
-        found += 1
+    pids = [root]
+    for parent in pids:  # grows while it is read
+        tasks = Path(f"/proc/{parent}/task")
         try:
             pids += [int(pid) for task in tasks.iterdir() for pid in (task / "children").read_text().split()]
         except OSError:

@@ -105,8 +105,9 @@ def rehearsed(labels: Sequence[str]) -> Iterator[Rehearsal]:
     try:
         line = process.stdout.readline() if process.stdout else ""
         if not line:
-            fault = process.stderr.read().strip() if process.stderr else ""
-            raise (BadInput if process.wait() == BadInput.exit_status else LabanmeshError)(fault.splitlines()[-1])
+            faults = process.stderr.read().strip().splitlines() if process.stderr else []
+            error = BadInput if process.wait() == BadInput.exit_status else LabanmeshError
+            raise error(faults[-1] if faults else "the performer has ended; start the rehearsal again")
         print(TITLE, flush=True)
         answer = json.loads(line)
         sources = {f"LABANMESH_OBSERVERS_{name.upper()}_SOURCE": url for name, url in answer["cameras"].items()}

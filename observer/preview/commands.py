@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.errors import BadInput, LabanmeshError
+from common.text import without_secrets
 
 if TYPE_CHECKING:
     from common.config import ObserverConfig
@@ -47,7 +48,6 @@ def look(
     Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
     """
     from common.config import ObserverConfig
-    from common.text import without_secrets
     from observer.camera.base import kind_of
     from observer.camera.files import write_picture
     from observer.geometry.picture_size import size_advice

@@ -102,10 +102,15 @@ def _teach(
         takes.finish()
     finally:
         learner.close()
+    print(f"{observer}: {_result_line(report)}, of takes that were left out")
+    print(f"{observer} recognises {', '.join(labels)} from its next start on")
+
+
+def _result_line(report: "LearnedReport") -> str:
+    """How many takes of each movement were recognised."""
     rows = {label: report.results.get(label, {}) for label in report.labels}
     known = [f"{label} {row.get(label, 0)} of {sum(row.values())}" for label, row in rows.items() if row]
-    print(f"{observer}: {', '.join(known) or 'learned'}, of takes that were left out")
-    print(f"{observer} recognises {', '.join(labels)} from its next start on")
+    return ", ".join(known) or "learned"
 
 
 def _learned(learner: "ModelLearner", labels: "Sequence[str]", stop: threading.Event) -> "LearnedReport":

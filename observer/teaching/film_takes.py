@@ -10,6 +10,7 @@ from threading import Event
 
 from common.config import Scene
 from common.errors import BadInput
+from common.files import expand_home
 from common.teaching_messages import TeachRequest
 from common.tracker_choice import content_of
 from observer.camera.base import kind_of
@@ -36,9 +37,9 @@ class TaughtFilm:
     def parse(cls, text: str) -> "TaughtFilm":
         """`LABEL=FILM`; raises BadInput for another form, and for what is no film."""
         label, equals, name = text.partition("=")
-        path = Path(name).expanduser()
         if not (label and equals and name):
             raise BadInput(f"--film {text!r}: LABEL=FILM is expected, e.g. --film wave=wave.mp4")
+        path = expand_home(name)
         if kind_of(name) != "path" or not path.exists():
             raise BadInput(f"--film {text}: there is no film {name}; name a video file, or a folder of pictures")
         if content_of(name) != "pictures":

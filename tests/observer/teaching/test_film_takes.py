@@ -83,6 +83,7 @@ def test_an_interrupted_film_ends_the_command(takes):
 @pytest.mark.parametrize(
     ("text", "line"),
     [("wave", "LABEL=FILM is expected"), ("=a.mp4", "LABEL=FILM"), ("wave=none.mp4", "there is no film none.mp4"),
+     ("wave=~nosuchuser/a.mp4", "no user of this machine"),
      ("wave=rtsp://camera/live", "there is no film"), ("wave=motion.npz", "a film is expected")],
 )  # fmt: skip
 def test_what_is_no_film_is_one_line(tmp_path, monkeypatch, text, line):
