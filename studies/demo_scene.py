@@ -25,14 +25,16 @@ from studies.trials import strung
 
 CORNERS = {
     "front-left": "yaw:315,pitch:20",
-    "front-right": "yaw:45,pitch:20",
+    "front-right": "yaw:35,pitch:25",
     "back-right": "yaw:135,pitch:45",
     "back-left": "yaw:225,pitch:45",
 }
 """The four observers: ids as seen from the performer, and views from high in the corners, as cameras hang.
 
 At the performer's height two opposite observers would see mirror images and always agree. Those behind look down more
-steeply: from 20 degrees the body hides the hands for half of the time, and one movement more stays undecided.
+steeply: from 20 degrees the body hides the hands for half of the time, and one movement more stays undecided. The right
+one in front stands nearer to the middle: from 45 degrees camshift often loses a hand at the begin, and where the first
+pictures come late, as on one core, the first two movements stay undecided (docs/results/notebook.md).
 """
 LARGE_PX = (640, 480)
 """Of pictures from the front in which a face is found that was too small in those of SIZE_PX."""
