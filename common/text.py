@@ -6,7 +6,8 @@ from collections.abc import Iterable, Sequence
 from common.errors import BadInput
 
 _ADDRESS = re.compile(r"((?:rtsps?|https?):(?:/{1,2}|(?!\d))|[A-Za-z][\w+.-]*://)?(.*)", re.DOTALL | re.IGNORECASE)
-_CAMERA_SCHEME = re.compile(r"(rtsps?|https?):", re.IGNORECASE)
+_KNOWN_SCHEME = re.compile(r"(rtsps?|https?|ftps?|sftp|rtmps?|rtp|srt|udp|mms):", re.IGNORECASE)
+"""Of cameras, and of what people take for a camera's address; any other word may be a user."""
 _HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d+)?")
 _USER = re.compile(r"[^/]*:.*@|[\w.-]+:\d+[/?#]", re.DOTALL)
 """How an address without its scheme begins: with a user and a password, or with a host and a port."""
@@ -75,7 +76,7 @@ def without_secrets(text: str, *, show_path: bool = False) -> str:
     scheme, rest = (match[1] or "", match[2]) if match else ("", text)
     if not scheme and not _USER.match(rest):
         return text
-    if "@" in rest and not _CAMERA_SCHEME.match(scheme):
+    if "@" in rest and not _KNOWN_SCHEME.match(scheme):
         scheme = ""  # it may be a user, and the slashes the begin of a password
     authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
     host, behind = authority.rpartition("@")[2], rest[len(authority) :]
