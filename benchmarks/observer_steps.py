@@ -36,8 +36,9 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracks import Floats, Frame, Tracker
+from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
 from studies.performer import perform, perform_continuously
+from studies.sensors import with_parts
 
 SIZES = ((640, 480), (1280, 720))
 RATE_HZ = 30.0
@@ -185,8 +186,10 @@ def memory(name: str, model: MovementModel) -> BenchmarkRow:
 
 
 def recorded(data: Path | None) -> MotionArchive:
-    """MSR Action3D, 20 movements; without it the synthetic performer, 8 movements."""
-    return perform() if data is None else import_recordings("msr-action3d", data / "msr_action3d").archive
+    """Hands and head: MSR Action3D, 20 movements; without it the synthetic performer, 8 movements."""
+    if data is None:
+        return perform()
+    return with_parts(import_recordings("msr-action3d", data / "msr_action3d").archive, BODY_PARTS)
 
 
 def halves(archive: MotionArchive) -> tuple[MotionArchive, MotionArchive]:

@@ -121,12 +121,14 @@ def paper(
     """
     from observer.motion.archive import labels_of
     from observer.motion.archive_file import read_archive
+    from observer.tracks import BODY_PARTS
     from studies.experiments import as_text, run_experiments
     from studies.output_files import write_text
     from studies.report import prepare_report, write_report
+    from studies.sensors import with_parts
     from studies.trials import labels_in
 
-    whole = read_archive(archive)
+    whole = with_parts(read_archive(archive), BODY_PARTS)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}
     train, test = split_list("--train-subjects", train_subjects), split_list("--test-subjects", test_subjects)
     if report:

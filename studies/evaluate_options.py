@@ -8,7 +8,9 @@ import typer
 
 Texts = list[str] | None
 LabelSets = Annotated[Texts, typer.Option(help="Movements separated by commas, or a set as AS1; repeat for more sets.")]
-BodyParts = Annotated[str, typer.Option(help="Parts to use, separated by commas; default: all of the archive.")]
+BodyParts = Annotated[
+    str, typer.Option(help="Parts to use, separated by commas, or all; default: hands and head, if recorded.")
+]
 TrainSubjects = Annotated[str, typer.Option(help="People to learn from; default: every other one.")]
 TestSubjects = Annotated[str, typer.Option(help="People to judge; default: those not learned from.")]
 LeaveOneSubjectOut = Annotated[

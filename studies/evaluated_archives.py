@@ -13,10 +13,21 @@ from observer.motion.archive import MotionArchive, Recording, common_rate, label
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.projected import require_same_camera, view_of
+from observer.tracks import BODY_PARTS
 from studies.sensors import performances, read_sensors, with_parts
 
 SCENERIES = ("plain", "cluttered", "skin_toned")
 """The other values of --background, for --through pixels."""
+ALL_PARTS = ("all",)
+"""In place of the names of body parts: every part that the archives have."""
+DEFAULT_PARTS = BODY_PARTS
+"""The body parts of an evaluation that names none, where the archives have them; otherwise ALL_PARTS."""
+
+
+def chosen_parts(named: tuple[str, ...], recorded: tuple[str, ...]) -> tuple[str, ...]:
+    """The body parts that an evaluation reads; named: the value of --body-parts, recorded: what all archives have."""
+    wanted = named or (DEFAULT_PARTS if set(DEFAULT_PARTS) <= set(recorded) else ALL_PARTS)
+    return recorded if wanted == ALL_PARTS else wanted
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +78,7 @@ def read_archives(
     other_motion: Sequence[Path],
     placement: PersonPlacement | None = None,
 ) -> EvaluatedArchives:
-    """Read all archives. Without body_parts the models use those that the archive and all others have.
+    """Read all archives, and keep the body parts of `chosen_parts`.
 
     placement: where all people are put in the room of the views, which are camera files. Raises BadInput for an archive
     beside sensors, neither of both, a body part that an archive lacks, and a placement for other views.
@@ -78,11 +89,10 @@ def read_archives(
         _require_rooms(chosen, sensors)
         own = tuple(placed(archive_of_view, placement) for archive_of_view in own)
         others = {path: placed(other, placement) for path, other in others.items()}
-    parts = body_parts
-    if others and not parts:
-        parts = tuple(p for p in own[0].body_parts if all(p in other.body_parts for other in others.values()))
-    if others:
-        own = tuple(with_parts(archive_of_view, parts) for archive_of_view in own)
+    everywhere = tuple(p for p in own[0].body_parts if all(p in other.body_parts for other in others.values()))
+    parts = chosen_parts(body_parts, everywhere)
+    # Also the evaluation's noise is the same whatever other parts were recorded.
+    own = tuple(with_parts(archive_of_view, parts) for archive_of_view in own)
     whole = performances(own) if sensors else own[0]
     if others and len(own) > 1 and own[0].camera is not None:
         raise BadInput(

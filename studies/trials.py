@@ -13,6 +13,7 @@ from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
 from observer.motion.importers.msr_action3d import LABELS
 from observer.stillness import OF_JERKS, QUIET
+from observer.tracks import BODY_PARTS
 from studies.room import NOISE_M, RoomEvent, before_trial
 
 SLOWEST, FASTEST = 0.6, 1.7
@@ -154,12 +155,13 @@ def strung(recordings: Sequence[Recording], rng: np.random.Generator) -> list[Re
 
 
 def _string(recordings: Sequence[Recording], rng: np.random.Generator) -> Recording:
-    """Each recording is shifted so that it begins where the one before left the body."""
+    """Each recording is shifted so that it begins where the one before left the head, or else the last part."""
     rate, pieces, spans, frames = recordings[0].rate_hz, [], [], 0
     noise = _trembling(recordings[0].positions)
     last = recordings[0].positions[0]
+    anchor = min(BODY_PARTS.index("head"), len(last) - 1)
     for recording in recordings:
-        moved = recording.positions + np.nan_to_num(last[-1] - recording.positions[0, -1])
+        moved = recording.positions + np.nan_to_num(last[anchor] - recording.positions[0, anchor])
         idle = _idle(last, moved[0], round(rng.uniform(*BETWEEN_S) * rate), noise, rng)
         pieces += [idle, moved]
         spans.append(Span(frames + len(idle), frames + len(idle) + len(moved), recording.label))

@@ -65,7 +65,9 @@ def data() -> Path:
 
 @pytest.fixture(scope="session")
 def msr(data):
-    """The recordings of MSR Action3D, which take half a second to read. Tests leave them as they are."""
+    """Hands and head of MSR Action3D, which take half a second to read. Tests leave them as they are."""
     from observer.motion.importers import import_recordings
+    from observer.tracks import BODY_PARTS
+    from studies.sensors import with_parts
 
-    return import_recordings("msr-action3d", data / "msr_action3d").archive
+    return with_parts(import_recordings("msr-action3d", data / "msr_action3d").archive, BODY_PARTS)

@@ -19,6 +19,7 @@ from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import RATE_HZ, import_folder
 from observer.runtime.scene_inputs import UnmirroredSource
 from observer.tracks import BODY_PARTS, Floats, Frame
+from studies.sensors import with_parts
 
 CLIPS, WEBCAM, RECORDINGS = "florence3d_videos", "wave_webcam", "florence3d"
 """Folders of LABANMESH_DATA: the films, and the recordings in 3-D of which the clips are parts."""
@@ -62,8 +63,8 @@ def webcam_clips(data: Path) -> list[Clip]:
 
 
 def recordings(data: Path) -> MotionArchive:
-    """All 215 recordings of Florence 3D Actions."""
-    return import_folder(data / RECORDINGS).archive
+    """All 215 recordings of Florence 3D Actions: hands and head, as the tracks of the clips."""
+    return with_parts(import_folder(data / RECORDINGS).archive, BODY_PARTS)
 
 
 def clip_view(name: str) -> View:

@@ -32,6 +32,7 @@ from observer.teaching.clap import ClapWatch
 from observer.teaching.take_recorder import watched_parts
 from observer.teaching.take_watch import StillnessStream
 from observer.tracks import BODY_PARTS, Floats, Tracks
+from studies.sensors import with_parts
 
 SIDES, FRONT = ("yaw:-20", "yaw:50"), ("yaw:0", "yaw:30")
 """Where the cameras stand: for stillness, and for claps, which need both hands."""
@@ -97,9 +98,9 @@ def seconds_until_still(observers: Sequence[Watched], begin_s: float) -> float:
 def archive_of(data: Path, kind: str) -> MotionArchive:
     """The recordings of one folder, of nw_ucla by its first sensor."""
     if kind == "msr_action3d":
-        return import_msr(data / kind).archive
+        return with_parts(import_msr(data / kind).archive, BODY_PARTS)
     if kind == "florence3d":
-        return import_florence3d(data / kind).archive
+        return with_parts(import_florence3d(data / kind).archive, BODY_PARTS)
     return read_archive(data / kind / ("sensor1.npz" if kind == "nw_ucla" else f"{kind}.npz"))
 
 

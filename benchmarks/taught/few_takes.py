@@ -74,12 +74,12 @@ class DrawResult:
 
 def msr_room(data: Path) -> RecordedRoom:
     """MSR Action3D, at most three takes, seen from 20 degrees left and 50 degrees right of the person."""
-    return _gestures("MSR Action3D", import_folder(data / "msr_action3d").archive, 3)
+    return _gestures("MSR Action3D", with_parts(import_folder(data / "msr_action3d").archive, BODY_PARTS), 3)
 
 
 def florence3d_room(data: Path) -> RecordedRoom:
     """Florence 3D Actions, two or three takes, seen as those of MSR Action3D. The last one is numbered 3."""
-    archive = import_florence3d(data / "florence3d").archive
+    archive = with_parts(import_florence3d(data / "florence3d").archive, BODY_PARTS)
     counts = Counter((r.subject, r.label) for r in archive.recordings)
     numbered = (
         replace(r, trial="3" if int(r.trial) == counts[r.subject, r.label] == 2 else r.trial)

@@ -19,9 +19,11 @@ from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.importers import import_recordings
 from observer.motion.projected import ProjectedTracker
 from observer.runtime.pipeline import Observer
+from observer.tracks import BODY_PARTS
 from studies.faults import OccludedTracker
 from studies.observing import OutputCourse, watch
 from studies.performer import perform, perform_continuously
+from studies.sensors import with_parts
 from studies.trials import strung, with_labels
 
 VIEWS = {"door": "door", "corner": "yaw:45", "side": "yaw:-45", "wheel": "wheel"}
@@ -74,7 +76,8 @@ def meet(folder=None, kind=DEFAULT_MODEL):
     """The person whom real observers see."""
     place = folder or os.environ.get("LABANMESH_DATA")
     if place:
-        labels, archive = RECORDED, import_recordings("msr-action3d", Path(place) / "msr_action3d").archive
+        labels = RECORDED
+        archive = with_parts(import_recordings("msr-action3d", Path(place) / "msr_action3d").archive, BODY_PARTS)
         known = with_labels(archive, labels)
         teachers = [teacher for teacher in TEACHERS if teacher != STUDENT][:4]
         learned = MotionArchive(known.body_parts, tuple(r for r in known.recordings if r.subject in teachers))

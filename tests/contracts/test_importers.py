@@ -55,11 +55,11 @@ def test_recorded_people_have_the_axes_of_the_archive(kind, data):
         pytest.skip(f"no recordings of kind {kind} among the data")
     steps = []
     result = import_recordings(kind, data / FOLDERS[kind], lambda done, total: steps.append((done, total)))
-    assert result.archive.body_parts == BODY_PARTS
+    assert result.archive.body_parts[:3] == BODY_PARTS and len(result.archive.body_parts) >= 15
     assert [done for done, _ in steps] == list(range(1, steps[-1][1] + 1))
     assert all(note and "\n" not in note for note in result.notes)
     everything = np.concatenate([recording.positions for recording in result.archive.recordings])
-    left, right, head = np.nanmedian(everything, axis=0)
+    left, right, head = np.nanmedian(everything[:, :3], axis=0)
     assert left[0] < right[0] and head[1] > max(left[1], right[1])
     assert np.nanmean(everything[:, :2, 2]) < np.nanmean(everything[:, 2, 2]), "hands work before the body"
 

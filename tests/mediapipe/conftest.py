@@ -15,7 +15,8 @@ from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracking.task_file import MODELS
 from observer.tracking.task_file import task_file as make_task
-from observer.tracks import WHOLE_BODY, Tracks
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
+from studies.sensors import with_parts
 
 NAMED_BY = "LABANMESH_POSE_MODEL"
 
@@ -52,7 +53,7 @@ def florence(data, pose_model):
     """The 16 clips with their joints as truth, each tracked by a new tracker."""
     from scipy.io import loadmat
 
-    archive = import_folder(data / "florence3d").archive
+    archive = with_parts(import_folder(data / "florence3d").archive, BODY_PARTS)
     joints = loadmat(str(data / "florence3d/skeletal_data.mat"), simplify_cells=True)["skeletal_data"]
     clips = []
     for row in csv.DictReader((data / "florence3d_videos/labels.csv").read_text().splitlines()):

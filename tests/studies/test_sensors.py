@@ -19,6 +19,7 @@ from observer.motion.archive import MotionArchive, Recording, retime
 from observer.motion.archive_file import read_archive, write_archive
 from studies.commands import evaluate as evaluate_command
 from studies.evaluate import EvaluationSettings, evaluate
+from studies.evaluated_archives import BackgroundChoice, read_archives
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
 from studies.sensors import frames_at_fractions, performances, read_sensors, same_streams
@@ -160,6 +161,30 @@ def test_body_parts_are_those_that_all_sensors_have(archive):
     assert [view.name for view in views] == ["a", "b"] and one.body_parts == two.body_parts == archive.body_parts
     np.testing.assert_array_equal(one.recordings[0].positions, two.recordings[0].positions)
     np.testing.assert_array_equal(views[1].matrix, parse_view("wheel").matrix)
+
+
+WIDE = ("left_hand", "right_hand", "head", "left_foot")
+
+
+@pytest.mark.parametrize(
+    ("named", "recorded", "parts"),
+    [
+        ((), WIDE, WIDE[:3]),
+        ((), (*WIDE[:2], "neck"), (*WIDE[:2], "neck")),
+        (("all",), WIDE, WIDE),
+        (("left_foot", "head"), WIDE, ("left_foot", "head")),
+    ],
+    ids=["hands and head", "no head", "all", "named"],
+)
+def test_an_evaluation_reads_hands_and_head_unless_told_otherwise(archive, tmp_path, named, recorded, parts):
+    positions = (np.concatenate([r.positions, r.positions[:, :1] - 1], axis=1) for r in archive.recordings)
+    rows = [WIDE.index(part) if part in WIDE else 2 for part in recorded]
+    wide = [dataclasses.replace(r, positions=p[:, rows]) for r, p in zip(archive.recordings, positions, strict=True)]
+    write_archive(tmp_path / "wide.npz", MotionArchive(recorded, tuple(wide)))
+    read = read_archives(tmp_path / "wide.npz", "door", (), named, BackgroundChoice(), ())
+    assert read.body_parts == read.whole.body_parts == parts
+    chosen = wide[0].positions[:, [recorded.index(part) for part in parts]]
+    np.testing.assert_array_equal(read.whole.recordings[0].positions, chosen)
 
 
 @pytest.fixture

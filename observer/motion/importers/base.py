@@ -30,8 +30,9 @@ class ImportResult:
 TEXT_LIMIT = 512 * 2**20
 """Bytes of a text file of motion: hours of it."""
 Importer = Callable[[Path, Progress | None], ImportResult]
-"""Reads all recordings of one kind at a path, a file or a folder; the body parts are always
-`observer.tracks.BODY_PARTS`. Raises BadInput, one line with the file, the place in it and what is expected."""
+"""Reads all recordings of one kind at a path, a file or a folder, with every body part that the source has; hands and
+head come first, as in `observer.tracks.WHOLE_BODY`. Raises BadInput, one line with the file, the place in it and what
+is expected."""
 
 
 def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
@@ -47,6 +48,13 @@ def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
     if not files:
         raise BadInput(f"{path}: nothing to import here; {what} expected")
     return tuple(files)
+
+
+def require_same_parts(file: Path, parts: tuple[str, ...], first_file: Path, first: tuple[str, ...]) -> None:
+    """Raise BadInput if a file has other body parts than the first one."""
+    if parts != first:
+        theirs, ours = ", ".join(parts), ", ".join(first)
+        raise BadInput(f"{file}: contains {theirs}, but {first_file} {ours}; the same parts are expected")
 
 
 def read_text(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Imports BVH motion capture: three body parts by the names of their joints, in the archive's axes and in metres.
+"""Imports BVH motion capture: body parts by the names of their joints, in the archive's axes and in metres.
 
 A BVH file states neither units nor axes nor the direction in which the performer faces. The archive's axes come from
 the body: up is from the hips to the head, right is from the left hip (or shoulder) to the right one in the first frame,
@@ -7,6 +7,7 @@ and the back completes them. Units come from the size of the skeleton.
 
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
 from observer.motion.importers.base import ImportResult, Progress, files_at, rate_from
 from observer.motion.importers.bvh_file import BvhMotion, Floats, Joint, joint_positions, read_bvh
-from observer.tracks import BODY_PARTS
+from observer.tracks import WHOLE_BODY
 
 _EFFORT_NAME = re.compile(r"(.*[A-Za-z].*?)_(-?[01]_-?[01]_-?[01]_-?[01])")
 """<action>_<Space>_<Weight>_<Time>_<Flow>, each factor -1, 0 or 1 (PERFORM, Durupinar et al. 2016)."""
@@ -26,10 +27,16 @@ _SIDED = {
             "{s}femur", "thigh{side}", "thigh{s}", "upperleg{s}", "upleg{s}"),
     "shoulder": ("{side}arm", "{side}upperarm", "{side}shoulder", "{s}upperarm", "{s}shldr", "{s}shoulder",
                  "{side}humerus", "{s}humerus", "upperarm{side}", "upperarm{s}", "shoulder{s}", "arm{s}"),
+    "elbow": ("{side}forearm", "{side}lowerarm", "{side}elbow", "{s}forearm", "{s}elbow", "{side}radius", "{s}radius",
+              "forearm{side}", "forearm{s}", "lowerarm{s}", "elbow{s}"),
+    "knee": ("{side}leg", "{side}lowerleg", "{side}knee", "{side}shin", "{side}calf", "{s}shin", "{s}calf", "{s}knee",
+             "{side}tibia", "{s}tibia", "shin{s}", "calf{s}", "knee{s}", "lowerleg{s}"),
     "foot": ("{side}foot", "{side}ankle", "{s}foot", "{s}ankle", "foot{side}", "foot{s}"),
     "toe": ("{side}toebase", "{side}toe", "{side}toes", "{s}toe", "{s}toes", "toe{s}", "toes{s}", "toebase{s}"),
 }  # fmt: skip
 """Names of joints in files of different makers, in lower case, letters and digits only; the best first."""
+_MIDDLE = {"head": ("head",), "neck": ("neck",), "pelvis": ("hips", "pelvis", "root")}
+_NEEDED = ("left_hand", "right_hand", "head")
 
 _MIRRORED = 0.5
 """Cosine from which the feet point backwards so clearly that left and right are exchanged: a mirrored file."""
@@ -43,23 +50,31 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
     """The .bvh file `path`, or those in this folder (or just below it), one recording each.
 
     waving_0_1_-1_1.bvh gives label "waving" and trial "0_1_-1_1"; any other name gives the label alone, with
-    trial "1". The subject is "1". Raises BadInput for a broken file, or if no joint has an expected name.
+    trial "1". The subject is "1". The body parts are those of WHOLE_BODY that all files have. Raises BadInput for a
+    broken file, or if no joint has an expected name.
     """
     files = files_at(path, "*.[bB][vV][hH]", ".bvh files")
-    recordings = []
+    recordings, found = [], []
     assumed: Counter[str] = Counter()
     for number, file in enumerate(files, 1):
         label, trial = _named(file)
         motion = read_bvh(file)
-        positions, notes = _positions(motion, file)
+        parts = _joints_of_parts(motion.joints, file)
+        positions, notes = _positions(motion, parts, file)
         recording = Recording(positions.astype(np.float32), rate_from(motion.frame_time), label, "1", trial)
-        check_recording(recording, len(BODY_PARTS), str(file))
+        check_recording(recording, len(parts), str(file))
         recordings.append(recording)
+        found.append(tuple(parts))
         assumed.update(notes)
         if progress:
             progress(number, len(files))
     lines = tuple(f"{text} ({count} of {len(files)} files)" for text, count in assumed.items())
-    return ImportResult(MotionArchive(BODY_PARTS, tuple(recordings)), lines)
+    common = tuple(part for part in found[0] if all(part in parts for parts in found))
+    recordings = [
+        replace(r, positions=r.positions[:, [parts.index(part) for part in common]])
+        for r, parts in zip(recordings, found, strict=True)
+    ]
+    return ImportResult(MotionArchive(common, tuple(recordings)), lines)
 
 
 def _named(file: Path) -> tuple[str, str]:
@@ -73,18 +88,29 @@ def _named(file: Path) -> tuple[str, str]:
     return label, trial
 
 
-def _positions(motion: BvhMotion, file: Path) -> tuple[Floats, tuple[str, ...]]:
-    """(F, 3, 3) body parts in metres and the archive's axes, and the assumptions made."""
-    joints = motion.joints
-    parts = [_required(joints, _sided("hand", "left"), "the left hand", file),
-             _required(joints, _sided("hand", "right"), "the right hand", file),
-             _required(joints, ("head",), "the head", file)]  # fmt: skip
+def _joints_of_parts(joints: tuple[Joint, ...], file: Path) -> dict[str, int]:
+    """Index of the joint of each part of WHOLE_BODY that has one; raises BadInput without a hand or the head."""
+    parts = {}
+    for part in WHOLE_BODY:
+        side, _, name = part.rpartition("_")
+        names = _sided(name, side) if side else _MIDDLE[part]
+        joint = _joint_named(joints, names)
+        if joint is not None:
+            parts[part] = joint
+        elif part in _NEEDED:
+            what, expected = part.replace("_", " "), ", ".join(names[:3])
+            raise BadInput(f"{file}: no joint for the {what}: {expected} or the like is expected; {_known(joints)}")
+    return parts
+
+
+def _positions(motion: BvhMotion, parts: dict[str, int], file: Path) -> tuple[Floats, tuple[str, ...]]:
+    """(F, P, 3) body parts in metres and the archive's axes, and the assumptions made."""
     places = joint_positions(motion)
-    axes, notes = _axes(joints, places, parts[2], file)
+    axes, notes = _axes(motion.joints, places, parts["head"], file)
     scale, unit = _unit(places[0])
     # The performer starts above the origin; the height stays as recorded.
     origin = places[0, 0] - np.dot(places[0, 0], axes[1]) * axes[1]
-    return (places[:, parts] - origin) @ axes.T * scale, (unit, *notes)
+    return (places[:, list(parts.values())] - origin) @ axes.T * scale, (unit, *notes)
 
 
 def _axes(joints: tuple[Joint, ...], places: Floats, head: int, file: Path) -> tuple[Floats, tuple[str, ...]]:
@@ -155,13 +181,6 @@ def _joint_named(joints: tuple[Joint, ...], names: tuple[str, ...]) -> int | Non
             if joint.endswith(name):
                 return index
     return None
-
-
-def _required(joints: tuple[Joint, ...], names: tuple[str, ...], what: str, file: Path) -> int:
-    joint = _joint_named(joints, names)
-    if joint is None:
-        raise BadInput(f"{file}: no joint for {what}: {', '.join(names[:3])} or the like is expected; {_known(joints)}")
-    return joint
 
 
 def _known(joints: tuple[Joint, ...]) -> str:

@@ -1,18 +1,18 @@
 """Imports plain tables: .csv files with one row per frame, for programs that write no other format.
 
-The first line is exactly
+The first line is
 
     subject,trial,label,frame,time_s,left_hand_x,left_hand_y,left_hand_z,right_hand_x,right_hand_y,right_hand_z,head_x,head_y,head_z
 
-Positions are in metres: x to the performer's right, y up, z to the performer's back; three empty cells are a body part
-that is not seen. Rows with the same subject, trial and label stand together and are one recording of two frames or
-more; `frame` counts up by one in it and `time_s` grows by equal steps, within 1 % (which takes at least five decimals
-at 30 Hz), and gives the rate. The label is [a-z0-9_]*.
+and may go on with other body parts, or have others in their place: three columns each, in this order. Positions are in
+metres: x to the performer's right, y up, z to the performer's back; three empty cells are a body part that is not seen.
+Rows with the same subject, trial and label stand together and are one recording of two frames or more; `frame` counts
+up by one in it and `time_s` grows by equal steps, within 1 % (which takes at least five decimals at 30 Hz), and gives
+the rate. The label is [a-z0-9_]*.
 """
 
 import csv
 import io
-from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
@@ -29,19 +29,23 @@ from observer.motion.importers.base import (
     finite_number,
     rate_from,
     read_text,
+    require_same_parts,
     whole_number,
 )
 from observer.tracks import BODY_PARTS
 
 _KEYS = ("subject", "trial", "label", "frame", "time_s")
-HEADER = _KEYS + tuple(f"{part}_{axis}" for part in BODY_PARTS for axis in "xyz")
-"""The columns, in their order."""
 
 _REGULAR = 0.01
 """How far a step of time_s may be from the recording's mean step, as a share of it."""
 
 Row = tuple[int, list[str]]
 """The line's number in the file, and its cells."""
+
+
+def header_of(body_parts: tuple[str, ...]) -> tuple[str, ...]:
+    """The columns of a table of these parts, in their order."""
+    return _KEYS + tuple(f"{part}_{axis}" for part in body_parts for axis in "xyz")
 
 
 def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
@@ -51,17 +55,20 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
     cannot be one, frames that are missing, irregular time, or rows of one recording that stand apart.
     """
     files = files_at(path, "*.[cC][sS][vV]", ".csv files")
-    recordings: list[Recording] = []
+    tables: list[MotionArchive] = []
     for number, file in enumerate(files, 1):
-        recordings.extend(_recordings(file))
+        tables.append(_table(file))
+        require_same_parts(file, tables[-1].body_parts, files[0], tables[0].body_parts)
         if progress:
             progress(number, len(files))
-    return ImportResult(MotionArchive(BODY_PARTS, tuple(recordings)))
+    return ImportResult(MotionArchive(tables[0].body_parts, tuple(r for table in tables for r in table.recordings)))
 
 
-def _recordings(file: Path) -> Iterator[Recording]:
+def _table(file: Path) -> MotionArchive:
+    parts, lines = _lines(file)
     first_lines: dict[tuple[str, ...], int] = {}
-    for key, group in groupby(_rows(file), key=lambda row: tuple(row[1][:3])):
+    recordings = []
+    for key, group in groupby(lines, key=lambda row: tuple(row[1][:3])):
         rows = list(group)
         line = rows[0][0]
         if first_lines.setdefault(key, line) != line:
@@ -69,29 +76,33 @@ def _recordings(file: Path) -> Iterator[Recording]:
                 f"{file}: line {line}: subject {key[0]!r}, trial {key[1]!r}, label {key[2]!r} began on line "
                 f"{first_lines[key]}: the rows of a recording are expected together"
             )
-        yield _recording(file, rows)
-    if not first_lines:
+        recordings.append(_recording(file, rows, parts))
+    if not recordings:
         raise BadInput(f"{file}: no rows under the header; one a frame is expected")
+    return MotionArchive(parts, tuple(recordings))
 
 
-def _rows(file: Path) -> Iterator[Row]:
-    """The rows under the header, each of the right width."""
+def _lines(file: Path) -> tuple[tuple[str, ...], list[Row]]:
+    """The body parts, and the rows under the header, each of the right width."""
+    rows = []
     reader = csv.reader(io.StringIO(read_text(file), newline=""), strict=True)
     try:
         header = tuple(cell.strip() for cell in next(reader, []))
-        if header != HEADER:
-            raise BadInput(f"{file}: line 1: the header is expected: {','.join(HEADER)}")
+        parts = tuple(name.removesuffix("_x") for name in header[len(_KEYS) :: 3])
+        if header != header_of(parts) or not parts:
+            raise BadInput(f"{file}: line 1: the header is expected: {','.join(header_of(BODY_PARTS))}, or other parts")
         for cells in filter(None, reader):
-            if len(cells) != len(HEADER):
+            if len(cells) != len(header):
                 raise BadInput(
-                    f"{file}: line {reader.line_num}: {plural(len(cells), 'cell')}; {len(HEADER)} are expected"
+                    f"{file}: line {reader.line_num}: {plural(len(cells), 'cell')}; {len(header)} are expected"
                 )
-            yield reader.line_num, [cell.strip() for cell in cells]
+            rows.append((reader.line_num, [cell.strip() for cell in cells]))
     except csv.Error as error:
         raise BadInput(f"{file}: line {reader.line_num}: {error}; cells with commas between are expected") from error
+    return parts, rows
 
 
-def _recording(file: Path, rows: list[Row]) -> Recording:
+def _recording(file: Path, rows: list[Row], parts: tuple[str, ...]) -> Recording:
     line, (subject, trial, label, *_) = rows[0]
     if not subject or not trial:
         raise BadInput(f"{file}: line {line}: subject {subject!r}, trial {trial!r}: both are expected")
@@ -100,14 +111,14 @@ def _recording(file: Path, rows: list[Row]) -> Recording:
     if len(rows) < 2:
         raise BadInput(f"{file}: line {line}: the only row of its recording; two frames or more are expected")
     _check_frames(file, rows)
-    positions = np.array([_positions(file, row) for row in rows], dtype=np.float32)
+    positions = np.array([_positions(file, row, parts) for row in rows], dtype=np.float32)
     recording = Recording(positions, _rate_hz(file, rows), label, subject, trial)
-    check_recording(recording, len(BODY_PARTS), f"{file}: lines {line} to {rows[-1][0]}")
+    check_recording(recording, len(parts), f"{file}: lines {line} to {rows[-1][0]}")
     return recording
 
 
 def _check_frames(file: Path, rows: list[Row]) -> None:
-    column = HEADER.index("frame")
+    column = _KEYS.index("frame")
     before: int | None = None
     for line, cells in rows:
         frame = whole_number(cells[column], f"{file}: line {line}: frame")
@@ -117,7 +128,7 @@ def _check_frames(file: Path, rows: list[Row]) -> None:
 
 
 def _rate_hz(file: Path, rows: list[Row]) -> float:
-    column = HEADER.index("time_s")
+    column = _KEYS.index("time_s")
     times = np.array([finite_number(cells[column], f"{file}: line {line}: time_s") for line, cells in rows])
     steps = np.diff(times)
     mean = float(steps.mean())
@@ -131,15 +142,15 @@ def _rate_hz(file: Path, rows: list[Row]) -> float:
     return rate_from(mean)
 
 
-def _positions(file: Path, row: Row) -> NDArray[np.float64]:
-    """(3, 3) one frame's body parts, NaN where not seen."""
+def _positions(file: Path, row: Row, parts: tuple[str, ...]) -> NDArray[np.float64]:
+    """(P, 3) one frame's body parts, NaN where not seen."""
     line, cells = row
     numbers = [
         finite_number(cell, f"{file}: line {line}: {name}") if cell else np.nan
-        for name, cell in zip(HEADER[len(_KEYS) :], cells[len(_KEYS) :], strict=True)
+        for name, cell in zip(header_of(parts)[len(_KEYS) :], cells[len(_KEYS) :], strict=True)
     ]
-    frame = np.array(numbers).reshape(len(BODY_PARTS), 3)
-    for part, place in zip(BODY_PARTS, frame, strict=True):
+    frame = np.array(numbers).reshape(len(parts), 3)
+    for part, place in zip(parts, frame, strict=True):
         if np.isnan(place).any() and not np.isnan(place).all():
             raise BadInput(f"{file}: line {line}: {part}: three coordinates are expected, or three empty cells")
     return frame

@@ -1,7 +1,8 @@
 """Imports Florence 3D Actions: a folder with skeletal_data.mat and action_names.mat, 15 joints a frame.
 
 Source: Seidenari, Varano, Berretti, Del Bimbo, Pala, Recognizing actions from depth cameras as weakly aligned
-multi-part bag-of-poses, CVPR workshops 2013. The rows of a joint are x, depth, up, in metres; wrists stand for hands.
+multi-part bag-of-poses, CVPR workshops 2013. The rows of a joint are x, depth, up, in metres; wrists stand for hands,
+ankles for feet.
 """
 
 import os
@@ -14,15 +15,17 @@ from numpy.typing import NDArray
 from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import LARGEST, MotionArchive, Recording, check_recording, clean_label
 from observer.motion.importers.base import ImportResult, Progress
-from observer.tracks import BODY_PARTS
+from observer.tracks import WHOLE_BODY
 
 RATE_HZ = 10.0
 """Not stated in the data; about 10 frames per second were recorded."""
 
 _DATA, _NAMES = "skeletal_data.mat", "action_names.mat"
 _SUBJECTS, _JOINTS = 10, 15
-_PARTS = (5, 8, 0)
-"""Left wrist, right wrist, head: joints 6, 9, 1 counted from 1."""
+BODY_PARTS = (*(part for part in WHOLE_BODY if part != "pelvis"), "spine")
+"""All joints; there is none between the hips."""
+_ROWS = (5, 8, 0, 4, 7, 3, 6, 1, 9, 12, 10, 13, 11, 14, 2)
+"""The row of each part in a clip, from 0."""
 _AXES = (0, 2, 1)
 """x, up, depth: the archive's order."""
 
@@ -96,13 +99,13 @@ def _number(clip: object, name: str, most: int, place: str) -> int:
 
 
 def _positions(clip: object, place: str) -> NDArray[np.float32]:
-    """(F, 3, 3) positions of the body parts."""
+    """(F, 15, 3) positions of the body parts."""
     joints = np.asarray(_field(clip, "original_skeletal_data", place))
     if joints.ndim != 3 or joints.shape[:2] != (3, _JOINTS) or joints.dtype.kind != "f":
         raise BadInput(
             f"{place}: positions are {joints.dtype} {joints.shape}: numbers (3, {_JOINTS}, frames) are expected"
         )
-    positions = joints[_AXES, :, :][:, _PARTS, :].transpose(2, 1, 0)
+    positions = joints[_AXES, :, :][:, _ROWS, :].transpose(2, 1, 0)
     sound = (np.abs(positions) <= LARGEST).all(axis=(1, 2))
     if not sound.all():
         raise BadInput(f"{place}: frame {int(sound.argmin())}: a position is not finite; metres are expected")

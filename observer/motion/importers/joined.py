@@ -5,7 +5,7 @@ from pathlib import Path
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
-from observer.motion.importers.base import ImportResult, Progress, files_at
+from observer.motion.importers.base import ImportResult, Progress, files_at, require_same_parts
 from observer.motion.projected import require_same_camera
 
 
@@ -21,9 +21,7 @@ def import_archives(path: Path, progress: Progress | None = None) -> ImportResul
     for number, file in enumerate(files, 1):
         archive = read_archive(file)
         archives.append(archive)
-        if archive.body_parts != archives[0].body_parts:
-            theirs, ours = ", ".join(archive.body_parts), ", ".join(archives[0].body_parts)
-            raise BadInput(f"{file}: contains {theirs}, but {files[0]} {ours}; the same parts are expected")
+        require_same_parts(file, archive.body_parts, files[0], archives[0].body_parts)
         require_same_camera(archives[0], archive, str(file))
         for recording in archive.recordings:
             _require_new(recording, file, places)

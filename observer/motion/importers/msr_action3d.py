@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording
 from observer.motion.importers.base import ImportResult, Progress, files_at, number_rows, read_text
-from observer.tracks import BODY_PARTS
+from observer.tracks import WHOLE_BODY
 
 LABELS = (
     *("high_arm_wave", "horizontal_arm_wave", "hammer", "hand_catch", "forward_punch", "high_throw", "draw_x"),
@@ -30,8 +30,10 @@ _SUFFIX = "_skeleton3D.txt"
 _NAME = re.compile(r"a(\d\d)_s(\d\d)_e(\d\d)" + re.escape(_SUFFIX))
 _WHAT = "files named like a01_s01_e01" + _SUFFIX
 _SUBJECTS, _TRIALS, _JOINTS = 10, 3, 20
-_PARTS = (11, 12, 19)
-"""Left hand, right hand, head: joints 12, 13, 20 counted from 1."""
+BODY_PARTS = (*WHOLE_BODY, "spine", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
+"""All joints; the wrists and ankles are beside the hands and feet."""
+_ROWS = (11, 12, 19, 7, 8, 0, 1, 2, 6, 4, 5, 13, 14, 17, 18, 3, 9, 10, 15, 16)
+"""The row of each part in a frame, from 0."""
 
 
 def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
@@ -80,7 +82,7 @@ def _named(file: Path) -> tuple[str, str, str]:
 
 
 def _positions(file: Path) -> tuple[NDArray[np.float32], float]:
-    """(F, 3, 3) positions of the body parts, NaN in empty frames, and the share of empty frames."""
+    """(F, 20, 3) positions of the body parts, NaN in empty frames, and the share of empty frames."""
     lines = read_text(file).rstrip().splitlines()
     rows = number_rows(file, lines, 4)
     if len(rows) % _JOINTS:
@@ -90,6 +92,6 @@ def _positions(file: Path) -> tuple[NDArray[np.float32], float]:
     joints = rows.reshape(-1, _JOINTS, 4)[:, :, :3]
     # The recorder wrote zeros for all joints while it had lost the person.
     empty = (joints == 0).all(axis=(1, 2))
-    positions = joints[:, _PARTS].astype(np.float32)
+    positions = joints[:, _ROWS].astype(np.float32)
     positions[empty] = np.nan
     return positions, float(empty.mean())

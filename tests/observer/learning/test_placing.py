@@ -25,6 +25,7 @@ from observer.motion.projected import view_tracks
 from observer.runtime.preflight import check_observer
 from observer.runtime.scene_inputs import open_inputs, person_in
 from studies.performer import perform
+from studies.sensors import with_parts
 
 AWAY_M, FOCAL_PX, MIDDLE_PX = 2.5, 600.0, (320.0, 240.0)
 STANDING = PersonPlacement(0.4, 1.3, 1.5, 30.0)
@@ -110,7 +111,7 @@ def kinect(data, tmp_path):
     for file in (data / "msr_action3d").rglob("a*_skeleton3D.txt"):
         if file.name[:3] in ("a03", "a05", "a06", "a10") and file.name[4:7] in ("s01", "s02", "s03", "s06"):
             (tmp_path / file.name).symlink_to(file)
-    recordings = import_folder(tmp_path).archive.recordings
+    recordings = with_parts(import_folder(tmp_path).archive, PARTS).recordings
     return [MotionArchive(PARTS, tuple(r for r in recordings if r.subject in who)) for who in ("13", "26")]
 
 

@@ -46,7 +46,9 @@ BODY = {
     "Head": (0, 1.7, 0),
 }
 """A standing person in the archive's axes, the right hand stretched out to the front."""
-TRUTH = np.array([BODY["LeftHand"], BODY["RightHand"], BODY["Head"]])
+PARTS = {"left_hand": "LeftHand", "right_hand": "RightHand", "head": "Head", "pelvis": "Hips", "left_hip": "LeftUpLeg",
+         "right_hip": "RightUpLeg", "left_foot": "LeftFoot", "right_foot": "RightFoot"}  # fmt: skip
+TRUTH = np.array([BODY[joint] for joint in PARTS.values()])
 AHEAD = np.array([0, 0, -1])
 
 
@@ -70,6 +72,7 @@ def imported(tmp_path, text, name="Walk Home.bvh"):
     (tmp_path / name).write_text(text)
     result = import_files(tmp_path)
     (recording,) = result.archive.recordings
+    assert result.archive.body_parts == tuple(PARTS)
     return recording, result.notes
 
 

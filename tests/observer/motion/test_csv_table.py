@@ -45,6 +45,18 @@ def test_a_valid_table(change, tmp_path):
     np.testing.assert_array_equal(np.isnan(first.positions[2]).all(axis=1), [True, False, False])
 
 
+def test_a_table_of_other_body_parts(tmp_path):
+    feet = "".join(f",{side}_foot_{axis}" for side in ("left", "right") for axis in "xyz")
+    lines = [line + ("" if n else feet) + ",1,2,3,,," * (n > 0) for n, line in enumerate(GOOD.splitlines())]
+    archive = import_files(table(tmp_path, "\n".join(lines))).archive
+    assert archive.body_parts == ("left_hand", "right_hand", "head", "left_foot", "right_foot")
+    first = archive.recordings[0].positions
+    assert first.shape == (3, 5, 3) and first[2, 3].tolist() == [1, 2, 3] and np.isnan(first[:, 4]).all()
+    (tmp_path / "wider.csv").write_text(GOOD)
+    with pytest.raises(BadInput, match=r"wider.csv: contains left_hand, right_hand, head, but .*the same parts"):
+        import_files(tmp_path)
+
+
 def test_a_folder_of_tables(tmp_path):
     (tmp_path / "below").mkdir()
     for name in ("b.csv", "a.CSV"):
@@ -60,6 +72,8 @@ def test_a_folder_of_tables(tmp_path):
     [
         ("left_hand_x", "left_x", "line 1: the header"),
         (HEAD, HEAD.replace(",", ";"), "line 1: the header"),
+        (HEAD, HEAD.replace(",head_z", ",nose_z"), "line 1: the header"),
+        (HEAD, HEAD[: HEAD.index(",left")], "line 1: the header"),
         (GOOD[len(HEAD) + 1 :], "", "no rows under the header"),
         ("anna,1,wave,1,0.05,", "anna,1,wave,1,", "line 3: 13 cells; 14"),
         ("0.3,1.5", "0.3,high", "line 3: right_hand_y: 'high'"),

@@ -11,9 +11,10 @@ from observer.motion.archive import check_archive
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
 from observer.motion.importers.msr_action3d import LABELS
+from observer.tracks import WHOLE_BODY
 
 LEFT, RIGHT, HEAD = range(3)
-PARTS = ("left_hand", "right_hand", "head")
+EXTRAS = ("spine", "left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
 def paths(recording):
@@ -32,7 +33,7 @@ def test_msr_action3d(data, tmp_path):
     steps = []
     result = import_recordings("msr-action3d", data / "msr_action3d", lambda *step: steps.append(step))
     recordings = result.archive.recordings
-    assert result.archive.body_parts == PARTS
+    assert result.archive.body_parts == (*WHOLE_BODY, *EXTRAS)
     assert len(recordings) == 553 and len(result.notes) == 14 and steps[-1] == (567, 567)
     assert "left out a07_s04_e01: 80 % of its frames are empty" in result.notes
     assert {recording.label for recording in recordings} == set(LABELS)
@@ -50,7 +51,7 @@ def test_msr_action3d_axes(data):
     few = [recording for recording in result.archive.recordings if recording.label in one_handed]
     assert len(few) == 133
     for recording in few:
-        left, right, _ = paths(recording)
+        left, right, *_ = paths(recording)
         assert right > left
         # People wave and punch in front of themselves.
         assert np.nanmin(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.1
@@ -60,13 +61,29 @@ def test_msr_action3d_axes(data):
     apart = (starts[:, LEFT, 0] < starts[:, HEAD, 0]) & (starts[:, HEAD, 0] < starts[:, RIGHT, 0])
     above = starts[:, HEAD, 1] > starts[:, LEFT, 1] + 0.3
     assert apart.mean() > 0.95 and above.mean() > 0.95
+    assert_upright(result.archive.body_parts, np.nanmedian(starts, axis=0))
+
+
+def assert_upright(body_parts, places):
+    """The median places of a standing person are in order: from the top down, and from left to right."""
+    at = dict(zip(body_parts, places, strict=True))
+    arm = ("head", "{side}_shoulder", "{side}_elbow", "{side}_wrist", "{side}_hand")
+    leg = ("head", "neck", "spine", "{side}_hip", "{side}_knee", "{side}_ankle", "{side}_foot")
+    for side in ("left", "right"):
+        for chain in (arm, leg):
+            heights = [at[name][1] for name in (part.format(side=side) for part in chain) if name in at]
+            assert (np.diff(heights) < 0).all(), chain
+    for part in {name.partition("_")[2] for name in at if name.startswith("left")}:
+        assert at[f"left_{part}"][0] < at[f"right_{part}"][0], part
 
 
 def test_florence3d(data):
     result = import_recordings("florence3d", data / "florence3d")
     check_archive(result.archive)
     recordings = result.archive.recordings
-    assert len(recordings) == 215 and result.archive.body_parts == PARTS
+    body_parts = result.archive.body_parts
+    assert len(recordings) == 215 and set(body_parts) == {*WHOLE_BODY, "spine"} - {"pelvis"}
+    assert_upright(body_parts, np.median([np.median(r.positions[:3], axis=0) for r in recordings], axis=0))
     names = {"wave", "drink", "answer_phone", "clap", "tight_lace", "sit_down", "stand_up", "read_watch", "bow"}
     assert {recording.label for recording in recordings} == names
     assert len({(r.label, r.subject, r.trial) for r in recordings}) == 215
@@ -82,8 +99,11 @@ def test_effort_bvh(data):
     assert {recording.label for recording in recordings} == {"pointing", "throwing", "waving"}
     assert len({(recording.label, recording.trial) for recording in recordings}) == 97
     assert result.notes == ("BVH states no unit: took metres (97 of 97 files)",)
+    assert result.archive.body_parts == WHOLE_BODY
+    # One hand is raised.
+    assert_upright(WHOLE_BODY[2:3] + WHOLE_BODY[5:], np.delete(recordings[0].positions[0], (0, 1, 3, 4), axis=0))
     for recording in recordings:
-        left, right, _ = paths(recording)
+        left, right, *_ = paths(recording)
         assert right > left or recording.label == "waving"
         assert recording.positions[0, LEFT, 0] < recording.positions[0, HEAD, 0] < recording.positions[0, RIGHT, 0]
         assert 1.4 < recording.positions[0, HEAD, 1] < 2.2
@@ -97,7 +117,8 @@ def test_joints_and_empty_frames_of_msr_action3d(tmp_path):
     assert result.notes == ("left out a01_s01_e01: 40 % of its frames are empty",)
     (recording,) = result.archive.recordings
     assert (recording.label, recording.subject, recording.trial) == ("horizontal_arm_wave", "10", "3")
-    np.testing.assert_array_equal(recording.positions[9], [[12, 9, 2], [13, 9, 2], [20, 9, 2]])
+    joints = (12, 13, 20, 8, 9, 1, 2, 3, 7, 5, 6, 14, 15, 18, 19, 4, 10, 11, 16, 17)
+    np.testing.assert_array_equal(recording.positions[9], [[joint, 9, 2] for joint in joints])
     assert np.flatnonzero(np.isnan(recording.positions).all(axis=(1, 2))).tolist() == [4, 5, 6]
 
 
@@ -151,7 +172,7 @@ def test_axes_and_trials_of_florence3d(tmp_path):
     joints[:, 8, 3] = (7, 8, 9)
     florence(tmp_path, clip(original_skeletal_data=joints), clip(), clip(subject=3))
     result = import_recordings("florence3d", tmp_path)
-    np.testing.assert_array_equal(result.archive.recordings[0].positions[3], [[4, 6, 5], [7, 9, 8], [1, 3, 2]])
+    np.testing.assert_array_equal(result.archive.recordings[0].positions[3, :3], [[4, 6, 5], [7, 9, 8], [1, 3, 2]])
     named = [(recording.label, recording.subject, recording.trial) for recording in result.archive.recordings]
     assert named == [("answer_phone", "1", "1"), ("answer_phone", "1", "2"), ("answer_phone", "3", "1")]
     assert len(import_recordings("florence3d", tmp_path / "skeletal_data.mat").archive.recordings) == 3
