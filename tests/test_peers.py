@@ -69,6 +69,24 @@ def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(a
     assert shown(archive, 1.0, derived=False) == pytest.approx(shown(archive, 1.0)[:, :12])
 
 
+@pytest.mark.parametrize(
+    ("parts", "anchor", "others"),
+    [
+        (("left_hand", "neck", "left_foot"), [1], 2),
+        (("left_shoulder", "right_shoulder", "left_hand", "right_hand"), [0, 1], 4),
+        (("left_foot", "nose"), [0, 1], 2),
+    ],
+    ids=["neck", "shoulders", "no trunk"],
+)
+def test_a_panel_without_a_head_is_relative_to_the_next_point_of_the_trunk(parts, anchor, others):
+    centres = np.random.default_rng(6).normal(size=(1, 9, len(parts), 2))
+    panel = channels(centres, 9, True, parts)
+    assert panel.shape == (2 * len(parts) + 2 * others + 2 * len(parts), 9) and np.isfinite(panel).all()
+    positions = panel[: 2 * len(parts)].reshape(len(parts), 2, 9)
+    assert positions[anchor, :, 0].mean(axis=0) == pytest.approx(np.zeros(2))
+    assert channels(centres * 7 + (300, 200), 9, True, parts) == pytest.approx(panel)
+
+
 @pytest.mark.parametrize("fraction", FRACTIONS[:-1])
 def test_nothing_after_the_fraction_is_shown(archive, fraction):
     """Whatever happens later, size, origin and bridge_gaps gaps included, leaves the panel as it was."""
@@ -139,6 +157,10 @@ def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
     truth = [j.trial.recording.label == "ok" for j in evaluate(archive, settings).trials]
     assert (comparison.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
     assert comparison.people == ("2",) * 4
+    alone = compare_peers(archive, "both", settings, PeerOptions((0, 1), ours=False), peers=peers)
+    assert [c.name for c in alone.curves] == ["MiniRocket"] and alone.people == comparison.people
+    assert (alone.curves[0].right == comparison.curves[-1].right).all()
+    assert [row.classifier for row in peer_rows([alone])] == ["MiniRocket"]
     each = dataclasses.replace(settings, views=DOOR_WHEEL[:1], train_subjects=(), leave_one_subject_out=True)
     comparison = compare_peers(archive, "both", each, PeerOptions(), peers={})
     assert [c.name for c in comparison.curves] == ["ours, fused"] and comparison.people == ("1",) * 4 + ("2",) * 4
@@ -268,7 +290,8 @@ def test_only_the_table_of_a_page_is_replaced():
         ({"page": "plain.md"}, "needs the lines"),
         ({"page": "plain.md", "fast": True}, "omit one of the two"),
         ({"page": "plain.md", "table": ["msr"]}, "omit one of the two"),
-        ({"table": ["karat"]}, "--table karat: known are msr, sensors, florence, karate, streams"),
+        ({"page": "plain.md", "peers_only": True}, "not all that a page shows; omit one of the two"),
+        ({"table": ["karat"]}, "--table karat: known are msr, sensors, florence, karate, "),
         ({"stream": True}, "no archive is named"),
     ],
 )

@@ -12,17 +12,19 @@ import typer
 
 from benchmarks.command_line import read_page, replace_table, run_command
 from benchmarks.peers.comparison import PEERS, PeerOptions
-from benchmarks.peers.tasks import TASKS, AccuracyTask, StreamTask, Table, Task, sets_of, tasks_of
+from benchmarks.peers.tasks import TASKS, VIEWS, AccuracyTask, StreamTask, Table, Task, sets_of, tasks_of
 from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
 from common.parallel import cores
 from common.progress import ProgressBar
 from common.text import split_list
-from observer.geometry.views import parse_view, split_views
+from observer.geometry.views import split_views
 from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
+from observer.motion.projected import view_of
 from studies.evaluate import EvaluationSettings
-from studies.evaluate_options import JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
+from studies.evaluate_options import BodyParts, JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
+from studies.evaluated_archives import chosen_parts
 from studies.output_files import write_text
 from studies.sensors import performances, read_sensors
 from studies.trials import labels_in
@@ -39,14 +41,14 @@ class PeersOptions:
     archive: Annotated[
         Path | None, typer.Argument(help="The motion archive (.npz); default: all tables, from LABANMESH_DATA.")
     ] = None
-    views: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG]; separated by commas.")] = (
-        "door,wheel"
-    )
+    views: Annotated[
+        str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG]; separated by commas; default: door,wheel.")
+    ] = ""
     labels: LabelSets = None
     train_subjects: TrainSubjects = ""
     test_subjects: TestSubjects = ""
     leave_one_subject_out: LeaveOneSubjectOut = False
-    body_parts: Annotated[str, typer.Option(help="Body parts, separated by commas; default: hands and head.")] = ""
+    body_parts: BodyParts = ""
     sensor: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=FILE[@VIEW]", help="In place of an archive, for each sensor its own; repeatable."),
@@ -58,6 +60,9 @@ class PeersOptions:
         list[str] | None, typer.Option(help=f"Without an archive, which table: {', '.join(TASKS)}; repeatable.")
     ] = None
     fast: Annotated[bool, typer.Option("--fast", help="One seed, a tenth of the kernels: a first look.")] = False
+    peers_only: Annotated[
+        bool, typer.Option("--peers-only", help="Leave our observers out, whose learning takes most of the time.")
+    ] = False
     jobs: Annotated[int, typer.Option(min=0, help="Processes; 0: one for each processor core.")] = 0
     page: Annotated[Path | None, typer.Option(help="A markdown page whose tables are replaced.")] = None
     json: JsonFile = None
@@ -78,7 +83,8 @@ def peers(options: PeersOptions) -> None:
     text = _page_text(options)
     with ProgressBar("reading the recordings"):
         tasks = _tasks(options)
-    tables = _tables(tasks, PeerOptions(range(1 if options.fast else SEEDS), options.fast, options.jobs or cores()))
+    seeds = range(1 if options.fast else SEEDS)
+    tables = _tables(tasks, PeerOptions(seeds, options.fast, options.jobs or cores(), not options.peers_only))
     written = []
     if options.page:
         written.append(write_text(options.page, replace_table(text, _markdown(tables), BEGIN, END), "--page"))
@@ -93,8 +99,9 @@ def peers(options: PeersOptions) -> None:
 def _page_text(options: PeersOptions) -> str:
     """The page as it is; "" without one. Raises BadInput for options whose figures are not for a page."""
     page = options.page
-    if page and (options.fast or options.table):
-        option, why = ("--fast", "too rough for a page") if options.fast else ("--table", "not all that a page shows")
+    unfit = {"--fast": options.fast, "--table": bool(options.table), "--peers-only": options.peers_only}
+    for option in (option for option, is_set in unfit.items() if page and is_set):
+        why = "too rough for a page" if option == "--fast" else "not all that a page shows"
         raise BadInput(f"--page {page}: figures of {option} are {why}; omit one of the two")
     return read_page(page, BEGIN, END)
 
@@ -131,17 +138,20 @@ def _tasks(options: PeersOptions) -> list[Task]:
         raise BadInput("name one of these: ARCHIVE with or without --stream, --sensor, --table")
     if path:
         whole = read_archive(path)
+        views = split_views(options.views) if options.views else ("",) if whole.camera else VIEWS
+        settings = replace(settings, views=tuple(view_of(whole, view) for view in views))
     else:
-        views, archives = read_sensors(sensors, read_archive)
-        whole, settings = performances(archives), replace(settings, views=views, sensors=archives)
-    settings = replace(settings, labels=labels_of(whole))
+        seen_from, archives = read_sensors(sensors, read_archive)
+        whole, settings = performances(archives), replace(settings, views=seen_from, sensors=archives)
+    parts = chosen_parts(settings.body_parts, whole.body_parts)
+    settings = replace(settings, labels=labels_of(whole), body_parts=parts)
     return [_task(whole, settings, options.labels or [], options.stream, path.name if path else "Several sensors")]
 
 
 def _settings(options: PeersOptions) -> EvaluationSettings:
-    """Of an evaluation of all movements, which are not known yet."""
+    """Of an evaluation of all movements, which are not known yet, and neither are the views."""
     return EvaluationSettings(
-        views=tuple(parse_view(view) for view in split_views(options.views)),
+        views=(),
         labels=(),
         train_subjects=split_list("--train-subjects", options.train_subjects),
         test_subjects=split_list("--test-subjects", options.test_subjects),

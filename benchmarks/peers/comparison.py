@@ -19,7 +19,7 @@ from benchmarks.peers.panels import Panel, make_panel, view_centres
 from common.parallel import run_parts
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive
-from observer.tracks import BODY_PARTS, Floats
+from observer.tracks import Floats
 from studies.evaluate import EvaluationResult, EvaluationSettings, Progress, evaluate, folds_of, trials_of
 from studies.report import FRACTIONS
 from studies.sensors import performances, same_trials
@@ -64,7 +64,7 @@ def _minirocket(train: Panel, labels: Names, test: Panel, seed: int, fast: bool)
     # By default a ridge classifier whose penalty is cross-validated on the training panel.
     classifier = MiniRocketClassifier(n_kernels=KERNELS_FAST if fast else KERNELS, random_state=seed)
     with warnings.catch_warnings():
-        # The head's first position is 0 in every series, and a still part hardly varies.
+        # The anchor's first position is 0 in every series, and a still part hardly varies.
         warnings.filterwarnings("ignore", ".*with very little variation")
         fitted = classifier.fit(train, labels)
         values = np.asarray(fitted.pipeline_.decision_function(test), dtype=np.float64)
@@ -130,11 +130,15 @@ def seen_by_some(comparison: PeerComparison) -> PeerComparison:
 
 @dataclass(frozen=True, slots=True)
 class PeerOptions:
-    """How thoroughly to compare. seeds: of random peers. fast: a tenth of the kernels. jobs: processes."""
+    """How thoroughly to compare. seeds: of random peers. fast: a tenth of the kernels. jobs: processes.
+
+    ours: whether our observers are judged too.
+    """
 
     seeds: Sequence[int] = (0,)
     fast: bool = False
     jobs: int = 1
+    ours: bool = True
 
 
 def compare_peers(
@@ -151,9 +155,13 @@ def compare_peers(
     peers: see all views as one series. alone: one for each observer, then the product. Raises BadInput as evaluate
     does, and ModuleNotFoundError where aeon is not installed.
     """
-    result = evaluate(archive, settings, lambda what, *n: progress(f"{movements}: ours, {what}", *n), options.jobs)
-    curves = our_curves(result)
-    truth = result.truth
+    curves = []
+    if options.ours:
+        result = evaluate(archive, settings, lambda what, *n: progress(f"{movements}: ours, {what}", *n), options.jobs)
+        curves = our_curves(result)
+    folds = folds_of(_whole(archive, settings), settings, settings.labels)
+    trials = [trial for number, split in enumerate(folds) for trial in trials_of(split, settings, number)]
+    truth = np.array([settings.labels.index(trial.recording.label) for trial in trials])
     whole = [Group(archive, settings.views)]
     for name, peer in peers.items():
         report = partial(progress, f"{movements}: {name}")
@@ -166,8 +174,12 @@ def compare_peers(
         # Of several views of one archive the product is enough: the tables are long.
         for view, own in zip(settings.views, scores, strict=True) if settings.sensors else ():
             curves.append(AccuracyCurve(f"MiniRocket, {view.name}", right_of(own, truth)))
-    people = tuple(r.trial.recording.subject for r in result.trials)
+    people = tuple(trial.recording.subject for trial in trials)
     return PeerComparison(movements, people, tuple(curves))
+
+
+def _whole(archive: MotionArchive, settings: EvaluationSettings) -> MotionArchive:
+    return performances(settings.sensors) if settings.sensors else archive
 
 
 def right_of(scores: Floats, truth: NDArray[np.int64]) -> Floats:
@@ -220,8 +232,7 @@ def _scores(
     done: Callable[[int, int], None],
 ) -> Floats:
     """(G, S, F, N, M) by group, seed and fraction, for the trials in evaluate's order; NaN without a recording."""
-    whole = performances(settings.sensors) if settings.sensors else groups[0].archive
-    folds = folds_of(whole, settings, settings.labels)
+    folds = folds_of(_whole(groups[0].archive, settings), settings, settings.labels)
     seeds = options.seeds if peer.random else options.seeds[:1]
     options = replace(options, seeds=seeds)
     parts = [
@@ -234,7 +245,7 @@ def _scores(
 def _part(
     group: Group, split: Split, settings: EvaluationSettings, number: int, peer: Peer, options: PeerOptions
 ) -> PeerPart:
-    parts = settings.body_parts or BODY_PARTS
+    parts = settings.body_parts or group.archive.body_parts
     people = {r.subject for r in split.train.recordings}
     known = [r for r in with_labels(group.archive, settings.labels).recordings if r.subject in people]
     learned = make_trials(known, onset_known=True, turn=0.0, rng=np.random.default_rng(0))

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.body import TRUNK
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.projected import view_tracks
@@ -17,6 +18,7 @@ from studies.trials import EvaluationTrial
 Panel = NDArray[np.float64]
 TORSO_SHARE = 0.45
 """Of the largest distance between the head and a hand: about a torso."""
+HANDS = ("left_hand", "right_hand")
 
 
 def view_centres(
@@ -36,7 +38,7 @@ def make_panel(
 ) -> Panel:
     """(N, C, length): each trial up to `fraction` of it, resampled to `length` frames.
 
-    C is V*2P positions; if derived, also V*2(P-1) positions relative to the head of each frame, and V*2P velocities.
+    C is V*2P positions; if derived, also positions relative to the anchor of each frame, and V*2P velocities.
     """
     return np.array(
         [
@@ -47,7 +49,7 @@ def make_panel(
 
 
 def channels(centres: Floats, length: int, derived: bool, body_parts: tuple[str, ...] = BODY_PARTS) -> Floats:
-    """(V, F, P, 2) centres, v down -> (C, length): right and up from the first head, in body sizes, gaps bridged.
+    """(V, F, P, 2) centres, v down -> (C, length): right and up from the first anchor, in body sizes, gaps bridged.
 
     Velocities are per recorded frame, so that they still distinguish slow from fast after resampling.
     """
@@ -56,34 +58,48 @@ def channels(centres: Floats, length: int, derived: bool, body_parts: tuple[str,
     if not derived:
         return positions
     parts = positions.reshape(len(centres), len(body_parts), 2, length)
-    head = body_parts.index("head")
-    from_head = (np.delete(parts, head, axis=1) - parts[:, head, None]).reshape(-1, length)
+    anchor = anchor_rows(body_parts)
+    others = np.delete(parts, anchor, axis=1) if len(anchor) == 1 else parts
+    from_anchor = (others - parts[:, anchor].mean(axis=1, keepdims=True)).reshape(-1, length)
     velocities = np.gradient(positions, axis=1) * ((length - 1) / max(rows.shape[1] - 1, 1))
-    return np.concatenate([positions, from_head, velocities])
+    return np.concatenate([positions, from_anchor, velocities])
+
+
+def anchor_rows(body_parts: tuple[str, ...]) -> list[int]:
+    """The rows of the one or two parts whose middle is the body's place, as for our observers: the head if recorded.
+
+    All rows where no point of the trunk was recorded.
+    """
+    point = next((point for point in TRUNK if set(point) <= set(body_parts)), body_parts)
+    return [body_parts.index(part) for part in point]
 
 
 def relative(centres: Floats, body_parts: tuple[str, ...] = BODY_PARTS) -> Floats:
-    """(F, P, 2) centres of one view, v down -> in body sizes, up positive, relative to the first visible head.
+    """(F, P, 2) centres of one view, v down -> in body sizes, up positive, relative to the first visible anchor.
 
-    The body size is that after the last frame; unknown places stay NaN. Without a visible head, or without a hand
+    The body size is that after the last frame; unknown places stay NaN. Without a visible anchor, or without a hand
     visible together with it, the size is unknown and everything is NaN.
     """
-    return from_first_head(centres, float(body_sizes(centres, body_parts)[-1]), body_parts)
+    return from_first_anchor(centres, float(body_sizes(centres, body_parts)[-1]), body_parts)
 
 
-def from_first_head(centres: Floats, size: float, body_parts: tuple[str, ...]) -> Floats:
+def from_first_anchor(centres: Floats, size: float, body_parts: tuple[str, ...]) -> Floats:
     """The same with a size that is known."""
-    head = centres[:, body_parts.index("head")]
-    visible = np.isfinite(head).all(axis=1)
-    first = head[visible.argmax()] if visible.any() else np.full(2, np.nan)
+    anchor = centres[:, anchor_rows(body_parts)].mean(axis=1)
+    visible = np.isfinite(anchor).all(axis=1)
+    first = anchor[visible.argmax()] if visible.any() else np.full(2, np.nan)
     placed: Floats = (centres - first) / size * (1.0, -1.0)
     return placed
 
 
 def body_sizes(centres: Floats, body_parts: tuple[str, ...] = BODY_PARTS) -> Floats:
-    """(F, P, 2) centres -> (F,) TORSO_SHARE of the largest distance so far between head and hand; NaN until known."""
-    hands = [body_parts.index("left_hand"), body_parts.index("right_hand")]
-    distances = np.linalg.norm(centres[:, hands] - centres[:, [body_parts.index("head")]], axis=2)
+    """(F, P, 2) centres -> (F,) TORSO_SHARE of the largest distance so far between anchor and hand; NaN until known.
+
+    Without hands, of the largest distance between the anchor and any part.
+    """
+    ends = [body_parts.index(part) for part in HANDS if part in body_parts] or list(range(len(body_parts)))
+    anchor = centres[:, anchor_rows(body_parts)].mean(axis=1, keepdims=True)
+    distances = np.linalg.norm(centres[:, ends] - anchor, axis=2)
     largest = np.maximum.accumulate(np.nan_to_num(distances, nan=0.0).max(axis=1))
     sizes: Floats = np.where(largest > 0, TORSO_SHARE * largest, np.nan)
     return sizes

@@ -87,7 +87,7 @@ def _rows(movements: str, comparisons: Sequence[PeerComparison]) -> list[PeerRow
     ]
     ours = curves[0]
     for theirs in curves:
-        if theirs[0].name in (*PEERS, PRODUCT):
+        if ours[0].name.startswith("ours") and theirs[0].name in (*PEERS, PRODUCT):
             differences = [mine.right - other.right for mine, other in zip(ours, theirs, strict=True)]
             name = f"{ours[0].name} − {theirs[0].name}"
             rows.append(PeerRow(movements, name, accuracy_interval(differences, people), difference=True))

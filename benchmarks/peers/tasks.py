@@ -11,11 +11,13 @@ from benchmarks.peers.comparison import PEERS, Peer, PeerOptions, compare_peers,
 from benchmarks.peers.spotter import spot_streams
 from benchmarks.peers.tables import as_json, as_markdown, peer_rows, streams_as_markdown
 from common.errors import BadInput
-from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, labels_of, subjects_in
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
+from observer.motion.projected import view_of
+from observer.tracks import BODY_PARTS
 from studies.evaluate import EvaluationSettings, Progress
+from studies.evaluated_archives import ALL_PARTS, chosen_parts
 from studies.observing import Extent, observe_folds
 from studies.report import FRACTIONS
 from studies.sensors import performances, read_sensors
@@ -23,8 +25,8 @@ from studies.stream import judge_observed
 from studies.trials import SUBSETS
 
 VIEWS = ("door", "wheel")
-HANDS_HEAD = ("left_hand", "right_hand", "head")
-WITH_FEET = (*HANDS_HEAD, "left_foot", "right_foot")
+WITH_FEET = (*BODY_PARTS, "left_foot", "right_foot")
+Parts = tuple[str, ...]
 SPOTTER = "MiniRocket spotter"
 
 
@@ -70,7 +72,7 @@ class AccuracyTask:
         trials = ", ".join(f"{len(one.people)} of {one.movements}" for one in comparisons)
         facts = (
             f"{self.protocol} {'Sensors' if settings.sensors else 'Views'} {', '.join(views)}; "
-            f"body parts {', '.join(settings.body_parts or HANDS_HEAD)}; people judged: {', '.join(people)}; "
+            f"{_parts_text(settings.body_parts, self.archive)}; people judged: {', '.join(people)}; "
             f"trials: {trials}; seeds: {len(options.seeds)}."
         )
         figures = {"version": 1, "views": views, "judged": people, "seeds": len(options.seeds), "fast": options.fast}
@@ -91,9 +93,10 @@ class StreamTask:
         rows: list[dict[str, Any]] = []
         for name, settings in self.sets.items():
             watch = _under(progress, f"{name}: ours")
-            folds = observe_folds(self.archive, settings, Extent(trials=False, streams=True), watch, options.jobs)
-            ours = judge_observed(folds, settings, watch, options.jobs).as_json()
-            rows.append({"observers": name, "judged_by": "ours, fused", **ours})
+            if options.ours:
+                folds = observe_folds(self.archive, settings, Extent(trials=False, streams=True), watch, options.jobs)
+                ours = judge_observed(folds, settings, watch, options.jobs).as_json()
+                rows.append({"observers": name, "judged_by": "ours, fused", **ours})
             theirs = spot_streams(self.archive, settings, options, partial(progress, f"{name}: {SPOTTER}"))
             rows.append({"observers": name, "judged_by": SPOTTER, **theirs.as_json()})
         streams = [recording for recording in self.archive.recordings if recording.spans]
@@ -121,14 +124,18 @@ def sets_of(settings: EvaluationSettings) -> dict[str, EvaluationSettings]:
 
 
 def _settings(
-    archive: MotionArchive, leave_one_out: bool, parts: tuple[str, ...] = (), views: Sequence[str] = VIEWS
+    archive: MotionArchive, leave_one_out: bool, parts: Parts, views: Sequence[str] = VIEWS
 ) -> EvaluationSettings:
     return EvaluationSettings(
-        views=tuple(parse_view(view) for view in views),
+        views=tuple(view_of(archive, view) for view in views),
         labels=labels_of(archive),
         leave_one_subject_out=leave_one_out,
-        body_parts=parts,
+        body_parts=chosen_parts(parts, archive.body_parts),
     )
+
+
+def _parts_text(parts: Parts, archive: MotionArchive) -> str:
+    return f"all {len(parts)} body parts" if parts == archive.body_parts else f"body parts {', '.join(parts)}"
 
 
 def _of_all(title: str, protocol: str, archive: MotionArchive, settings: EvaluationSettings) -> Task:
@@ -136,58 +143,85 @@ def _of_all(title: str, protocol: str, archive: MotionArchive, settings: Evaluat
     return AccuracyTask(title, protocol, archive, {f"all {len(settings.labels)}": settings}, {})
 
 
-def _msr(folder: Path) -> Task:
+def _msr(parts: Parts, folder: Path) -> Task:
     archive = import_recordings("msr-action3d", folder).archive
-    sets = sets_of(_settings(archive, leave_one_out=False))
-    return AccuracyTask("MSR Action3D, movements cut out", "Learned from people 1, 3, 5, 7, 9.", archive, sets, PEERS)
+    sets, protocol = sets_of(_settings(archive, False, parts)), "Learned from people 1, 3, 5, 7, 9."
+    joint = PEERS if parts == BODY_PARTS else {}
+    return AccuracyTask(f"MSR Action3D, {_named(parts)}, movements cut out", protocol, archive, sets, joint)
 
 
-def _nw_ucla(folder: Path) -> Task:
+def _nw_ucla(parts: Parts, folder: Path) -> Task:
     texts = [f"sensor{n}={folder / f'sensor{n}.npz'}" for n in (1, 2, 3)]
     views, sensors = read_sensors(texts, read_archive)
     whole = performances(sensors)
-    settings = replace(_settings(whole, leave_one_out=True, parts=HANDS_HEAD), views=views, sensors=sensors)
+    settings = replace(_settings(whole, True, parts), views=views, sensors=sensors)
     protocol = (
         "One person left out at a time; each sensor learns from its own recordings; a performance that a sensor lacks "
         "is judged by the others."
     )
-    return _of_all("nw_ucla, three sensors", protocol, whole, settings)
+    return _of_all(f"nw_ucla, {_named(parts)}, three sensors", protocol, whole, settings)
 
 
-def _florence(folder: Path) -> Task:
+def _florence(parts: Parts, folder: Path) -> Task:
     archive = import_recordings("florence3d", folder).archive
-    settings = _settings(archive, leave_one_out=True)
-    return _of_all("Florence 3D, movements cut out", "One person left out at a time.", archive, settings)
+    return _one_left_out("Florence 3D", archive, parts)
 
 
-def _karate(folder: Path) -> Task:
-    archive = read_archive(folder / "karate.npz")
-    protocol = "One person left out at a time; the spans of continuous recordings, without what is around them."
-    settings = _settings(archive, leave_one_out=True, parts=WITH_FEET)
-    return _of_all("karate, movements cut out", protocol, archive, settings)
+def _karate(parts: Parts, folder: Path) -> Task:
+    more = "the spans of continuous recordings, without what is around them"
+    return _one_left_out("karate", read_archive(folder / "karate.npz"), parts, more)
+
+
+def _kinder_gator(parts: Parts, folder: Path) -> Task:
+    more = "each movement once by each person, who chooses the side"
+    return _one_left_out("Kinder-Gator, adults", read_archive(folder / "adults.npz"), parts, more)
+
+
+def _ui_prmd(parts: Parts, folder: Path) -> Task:
+    more = "repetitions done well and badly"
+    return _one_left_out("UI-PRMD", read_archive(folder / "repetitions.npz"), parts, more)
+
+
+def _one_left_out(name: str, archive: MotionArchive, parts: Parts, more: str = "") -> Task:
+    protocol = "; ".join(filter(None, ("One person left out at a time", more))) + "."
+    return _of_all(f"{name}, {_named(parts)}, movements cut out", protocol, archive, _settings(archive, True, parts))
+
+
+SPOTTING = "One person left out at a time; spotting by the first word of a verdict."
 
 
 def _karate_streams(folder: Path) -> Task:
     archive = read_archive(folder / "karate.npz")
     sets = {
-        "door, wheel: hands, head": _settings(archive, leave_one_out=True, parts=HANDS_HEAD),
-        "door, wheel: hands, head, feet": _settings(archive, leave_one_out=True, parts=WITH_FEET),
-        "door: hands, head, feet": _settings(archive, leave_one_out=True, parts=WITH_FEET, views=("door",)),
+        f"{', '.join(views)}: {_named(parts)}": _settings(archive, True, parts, views)
+        for parts, views in ((BODY_PARTS, VIEWS), (WITH_FEET, VIEWS), (ALL_PARTS, VIEWS), (WITH_FEET, VIEWS[:1]))
     }
-    return StreamTask(
-        "karate, continuous",
-        "One person left out at a time; spotting by the first word of a verdict.",
-        archive,
-        sets,
-    )
+    return StreamTask("karate, continuous", SPOTTING, archive, sets)
 
 
+def _ground_guide(folder: Path) -> Task:
+    archive = read_archive(folder / "ground_guide.npz")
+    sets = {"camera: shoulders, elbows, hands, hips": _settings(archive, True, ALL_PARTS, ("",))}
+    return StreamTask("ground_guide, continuous, tracks in 2-D without a head", SPOTTING, archive, sets)
+
+
+def _named(parts: Parts) -> str:
+    return {BODY_PARTS: "hands and head", WITH_FEET: "hands, head and feet"}.get(parts, "whole body")
+
+
+_CUT_OUT: Mapping[str, tuple[str, Callable[[Parts, Path], Task], Parts]] = {
+    "msr": ("msr_action3d/MSRAction3DSkeletonReal3D", _msr, BODY_PARTS),
+    "sensors": ("nw_ucla", _nw_ucla, BODY_PARTS),
+    "florence": ("florence3d", _florence, BODY_PARTS),
+    "karate": ("karate", _karate, WITH_FEET),
+    "kinder": ("kinder_gator", _kinder_gator, BODY_PARTS),
+    "prmd": ("ui_prmd", _ui_prmd, BODY_PARTS),
+}
 TASKS: Mapping[str, tuple[str, Callable[[Path], Task]]] = {
-    "msr": ("msr_action3d/MSRAction3DSkeletonReal3D", _msr),
-    "sensors": ("nw_ucla", _nw_ucla),
-    "florence": ("florence3d", _florence),
-    "karate": ("karate", _karate),
+    **{name: (folder, partial(read, parts)) for name, (folder, read, parts) in _CUT_OUT.items()},
+    **{f"{name}-all": (folder, partial(read, ALL_PARTS)) for name, (folder, read, _) in _CUT_OUT.items()},
     "streams": ("karate", _karate_streams),
+    "guide": ("ground_guide", _ground_guide),
 }
 """By name of the table the folder of LABANMESH_DATA and what reads it."""
 

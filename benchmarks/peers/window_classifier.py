@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.panels import body_sizes, bridge_gaps, from_first_head, resample_rows, view_centres
+from benchmarks.peers.panels import body_sizes, bridge_gaps, from_first_anchor, resample_rows, view_centres
 from benchmarks.peers.spotter_windows import LENGTHS, SHORTEST, choose_windows, window_lengths
 from observer.geometry.views import View
 from observer.motion.archive import Recording
-from observer.tracks import BODY_PARTS, Floats
+from observer.tracks import Floats
 from studies.evaluate import EvaluationSettings
 
 FRAMES = 60
@@ -51,17 +51,17 @@ class _ViewStream:
     """A stream as one view sees it: windows as a classifier wants them."""
 
     def __init__(self, stream: Recording, part: SpotterPart) -> None:
-        self._parts = part.settings.body_parts or BODY_PARTS
+        self._parts = part.settings.body_parts or part.recorded
         self._centres = view_centres(stream, [part.view], part.recorded, self._parts)[0]
         self._sizes = body_sizes(self._centres, self._parts)
 
     def windows(self, begins: Sequence[int], ends: Sequence[int]) -> tuple[Floats, Floats]:
-        """(N, C, FRAMES) positions from the first head, in body sizes; (N, C + 1) log duration and log path lengths."""
+        """(N, C, FRAMES) positions from the first anchor, in body sizes; (N, C + 1) log duration and path lengths."""
         series, extras = zip(*(self._window(*window) for window in zip(begins, ends, strict=True)), strict=True)
         return np.array(series), np.array(extras)
 
     def _window(self, begin: int, end: int) -> tuple[Floats, Floats]:
-        places = from_first_head(self._centres[begin:end], float(self._sizes[end - 1]), self._parts)
+        places = from_first_anchor(self._centres[begin:end], float(self._sizes[end - 1]), self._parts)
         rows = bridge_gaps(places.reshape(end - begin, -1).T)
         paths = np.abs(np.diff(rows, axis=1)).sum(axis=1)
         return resample_rows(rows, FRAMES), np.array([np.log(end - begin), *np.log(paths + 0.05)])
@@ -93,7 +93,7 @@ class WindowClassifier:
         ]
         self._rocket = MiniRocket(n_kernels=KERNELS_FAST if part.options.fast else KERNELS, random_state=seed)
         with warnings.catch_warnings():
-            # The head's first position is 0 in every window, and a still part hardly varies.
+            # The anchor's first position is 0 in every window, and a still part hardly varies.
             warnings.filterwarnings("ignore", ".*with very little variation")
             self._rocket.fit(np.concatenate([series for series, _ in shown]))
         self._classifier = make_pipeline(StandardScaler(), LogisticRegression(C=PENALTY, max_iter=200, tol=1e-3))
