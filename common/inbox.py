@@ -112,6 +112,7 @@ class NewestMessages:
 class Presence:
     """The keys of the liveliness tokens that exist now; read by any thread.
 
+    appearances: how many tokens have appeared so far; after this process's link was lost all appear anew.
     expected: the keys of processes that the scene names. Of others at most STRANGERS_LIMIT are noted, so that a process
     that invents names costs little.
     """
@@ -120,6 +121,7 @@ class Presence:
         self._expected = frozenset(expected)
         self._alive: frozenset[str] = frozenset()
         self._changed = threading.Condition()
+        self.appearances = 0
 
     def note(self, key: str, *, alive: bool) -> None:
         """The token under `key` has appeared or gone; called by the mesh's threads."""
@@ -127,6 +129,7 @@ class Presence:
             if alive and key not in self._expected and len(self._alive - self._expected) >= STRANGERS_LIMIT:
                 return
             self._alive = self._alive | {key} if alive else self._alive - {key}
+            self.appearances += alive
             self._changed.notify_all()
 
     @property

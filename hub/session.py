@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
+from common.inbox import Inbox
 from common.keys import SceneKeys, observer_of
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.wire import BadMessage, check_vocabulary, decode_from
@@ -22,7 +23,7 @@ TAKE_S = 0.1
 """How long one look into the inbox waits, so that a view notices soon that time has passed or that it should end."""
 QUERY_S = 0.5
 QUERY_AGAIN_S = 2.0
-"""How often a vocabulary that judgements refer to and that is unknown here is queried."""
+"""How often a vocabulary that judgements refer to and that is unknown here is queried, and verdicts at most."""
 END_S = 5.0
 
 
@@ -30,7 +31,7 @@ END_S = 5.0
 class SceneUpdate:
     """The scene after `message`; None when time has passed, or the message was a copy or was rejected.
 
-    answered: it answers the query at the start, and may be long past.
+    answered: it answers a query, and may be long past.
     """
 
     state: SceneState
@@ -47,7 +48,8 @@ def listen(
 ) -> Iterator[SceneUpdate]:
     """Updates of `scene` while `go_on()`: one for each message and one after each look into the inbox.
 
-    The last values are queried first, so that a late joiner knows them at once. Rejected messages are counted in the
+    The last values are queried first, so that a late joiner knows them at once; the last verdicts again when a fusion
+    service appears, as after a lost link: what it published meanwhile was lost. Rejected messages are counted in the
     state. `clock` is this machine's time in ns since the epoch. newest_only: of all judgements since the last look only
     the newest is decoded, for hubs that pass on a few a second.
     """
@@ -56,7 +58,9 @@ def listen(
     events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
     newest = link.inbox(keys.judgement, limit=1) if newest_only else None
+    services, late = link.presence(keys.fusion_alive(), map(keys.fusion_alive, scene.services)), Inbox()
     answers = link.ask_each(f"{keys.root}/**", QUERY_S)
+    appearances = services.appearances
     waiting = inbox.take(0.0)
     # A verdict that was published between the opening of the inbox and the query is new.
     new = {(arrival.key, arrival.payload) for arrival in waiting}
@@ -73,7 +77,14 @@ def listen(
             update = _ingest(state, keys, same, arrival.key, arrival.payload, arrival.arrived_ns)
             state = update.state
             yield update
+        for arrival in late.take(0.0):
+            update = _ingest(state, keys, same, arrival.key, arrival.payload, arrival.arrived_ns, answered=True)
+            state = update.state
+            yield update
         state = replace(state, now_ns=clock(), dropped=inbox.dropped, skipped=newest.dropped if newest else 0)
+        if services.appearances != appearances and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
+            queried_ns, appearances = state.now_ns, services.appearances
+            link.request(keys.verdict, late.put, QUERY_S)
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns
             for key, payload in link.ask_each(keys.vocabulary, QUERY_S):
@@ -139,7 +150,7 @@ def _require_known(state: SceneState, message: JudgementMessage, answered: bool)
 
 @dataclass(frozen=True, slots=True)
 class ArrivedVerdict:
-    """A verdict; `answered`: it is the answer to the query at the start, and may be long past."""
+    """A verdict; `answered`: it answers a query, and may be long past."""
 
     verdict: VerdictMessage
     answered: bool

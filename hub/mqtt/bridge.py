@@ -77,7 +77,7 @@ class SceneBridge:
         self._recalled_ns: int | None = None
 
     def receive(self, verdict: VerdictMessage, now_s: float, answered: bool = False) -> None:
-        """Take a verdict; `answered`: it is the answer to a query at the start, and may be long past."""
+        """Take a verdict; `answered`: it answers a query, and may be long past."""
         self._add_early(self._anticipation.update(verdict, now_s), now_s)
         self._received.append(_ReceivedVerdict(verdict, answered, now_s))
         if len(self._received) > WAITING_LIMIT:
@@ -182,6 +182,9 @@ class SceneBridge:
         return {observer: now_s - at_s for observer, (_, at_s) in self._status.items()}
 
     def _take_verdicts(self, state: SceneState, now_s: float) -> None:
+        if self._recalled and self._recalled_ns is None and state.judgement is not None:
+            # There was no earlier hub: this one knows everything from here on.
+            self._recalled_ns = state.judgement.at_ns
         while self._recalled and self._received:
             received = self._received.popleft()
             if received.answered and not self._was_missed(received.verdict, state):
@@ -191,7 +194,7 @@ class SceneBridge:
                 self._events.append(_PendingEvent(publication, received.at_s))
 
     def _was_missed(self, verdict: VerdictMessage, state: SceneState) -> bool:
-        """Whether it was published a moment ago while no hub was running; by the fusion machine's clock."""
+        """Whether it was published a moment ago while no hub received it; by the fusion machine's clock."""
         if self._recalled_ns is None or verdict.at_ns <= self._recalled_ns:
             return False
         newest_ns = max([each.at_ns for each in (*state.verdicts, *filter(None, [state.judgement]))], default=0)

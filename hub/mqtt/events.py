@@ -4,7 +4,7 @@
    another label replaces it (stage `revised`, with the label before in `revises`).
 2. `ended`: once a movement, when it has ended, with its last label.
 3. `early`: one event when a movement is named early, one when that word is settled (hub/anticipation.py).
-4. A verdict from before the hub started is no event, unless the hub was away only for a moment.
+4. A verdict from before the hub started, or lost its link, is no event, unless the hub was away only for a moment.
 5. An event that could not be delivered within EVENT_S is left out: a light that reacts later would confuse people.
 """
 

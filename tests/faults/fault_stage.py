@@ -82,11 +82,15 @@ SCENE = "dojo"
 class Witness:
     """A hub process; what it received, in order: lists of messages with `arrived_ns`.
 
-    others: by name of a further scene of a folder, its judgements and verdicts, by kind.
+    others: by name of a further scene of a folder, its judgements and verdicts, by kind. watches: it is `labanmesh
+    watch`, which asks for the verdicts that it has missed; else a bare peer, which receives only what is published.
     """
 
-    def __init__(self, scene_file, inside=(), environment=None):
+    def __init__(self, scene_file, inside=(), environment=None, watches=False):
         command = [sys.executable, str(HERE / "fault_peers.py"), "witness", str(scene_file)]
+        if watches:
+            command = labanmesh("watch", scene_file, "--json")
+        self._watches = watches
         self.process, self._read = Process(command, inside, environment), 0
         self.messages = {"judgement": [], "verdict": [], "status": []}
         self.judgements, self.verdicts, self.statuses = self.messages.values()
@@ -94,7 +98,7 @@ class Witness:
 
     def start(self):
         self.process.start()
-        self.process.wait_for('"listening"')
+        self.process.wait_for('"scene"' if self._watches else '"listening"')
         return self
 
     def look(self):
@@ -102,10 +106,14 @@ class Witness:
         lines = self.process.lines_from(self._read)
         self._read += len(lines)
         for line in lines:
+            if self._watches and not line.startswith("{"):
+                continue  # for people
             try:
                 record = json.loads(line)
             except ValueError:
                 raise AssertionError(f"the witness wrote {line!r}") from None
+            if "message" not in record:  # of watch, which prints the message alone
+                record = {"kind": record["kind"], "arrived_ns": time.time_ns(), "message": record}
             if record["kind"] != "listening":
                 self._of(record["message"]["scene"])[record["kind"]].append(
                     {**record["message"], "arrived_ns": record["arrived_ns"]}
@@ -197,9 +205,9 @@ class Stage:
         shifts = ",".join(map(str, (shift_s, *later_s)))
         process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), shifts]
 
-    def witness(self, inside=(), scene_file=None):
+    def witness(self, inside=(), scene_file=None, watches=False):
         """A started witness; the router must be there."""
-        one = Witness(scene_file or self.file, inside, self.environment("hub"))
+        one = Witness(scene_file or self.file, inside, self.environment("hub"), watches)
         self._witnesses.append(one)
         return one.start()
 

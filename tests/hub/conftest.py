@@ -106,7 +106,7 @@ class FakeLink:
 
     def __init__(self, answers=(), meanwhile=()):
         self.answers, self.meanwhile = answers, list(meanwhile)
-        self.boxes, self.queries = {}, []
+        self.boxes, self.queries, self.present = {}, [], Presence()
 
     def inbox(self, *keys, limit=4096):
         self.boxes |= dict.fromkeys(keys, Inbox(limit))
@@ -117,7 +117,11 @@ class FakeLink:
         box.put(key, payload)
 
     def presence(self, key, expected=()):
-        return Presence()
+        return self.present
+
+    def request(self, key, answered, timeout_s):
+        for pair in self.ask_each(key, timeout_s):
+            answered(*pair)
 
     def ask_each(self, key, timeout_s):
         self.queries.append(key)

@@ -92,6 +92,22 @@ def test_an_unknown_vocabulary_is_queried_until_it_is_answered(scene, make, fake
     assert last(states).labels and link.queries.count(f"{ROOT}/vocabulary") <= 3
 
 
+def test_verdicts_that_were_published_while_the_link_was_lost_arrive_once_it_is_back(scene, make, fake_link):
+    keys = scene.keys
+    known = pairs(verdict=make.verdict(1, make.NOON, stage="ended"))
+    link, seconds = fake_link([*pairs(judgement=make.judgement()), *known]), count(make.NOON, make.SECOND)
+    updates = listen(scene, link, looks(9), lambda: next(seconds))
+    received = [next(updates) for _ in range(4)]
+    link.answers = [*known, *pairs(verdict=make.verdict(2)), *pairs(verdict=make.verdict(2, make.NOON, stage="ended"))]
+    received += [next(updates) for _ in range(3)]
+    assert keys.verdict not in link.queries, "the link was not lost"
+    link.present.note(keys.fusion_alive("fuse1"), alive=True)
+    received += updates
+    verdicts = [update.message for update in received if hasattr(update.message, "id")]
+    assert [(each.id, each.stage) for each in verdicts] == [("v1", "ended"), ("v2", "decided"), ("v2", "ended")]
+    assert link.queries.count(keys.verdict) == 1 and all(update.answered for update in received if update.message)
+
+
 def test_a_verdict_of_no_movement_is_rejected_and_counted(scene, make, fake_link):
     foreign = in_vocabulary(make.verdict(3, label="forged"), "0" * 16)
     forged = [make.verdict(1, label="forged"), make.verdict(2, revises="forged", stage="revised"), foreign]

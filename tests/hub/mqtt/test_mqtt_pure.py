@@ -260,6 +260,16 @@ def test_a_verdict_from_while_the_hub_was_away_is_an_event_if_it_is_fresh(make):
         assert len(driver.events(0.1)) == count
 
 
+def test_a_verdict_that_was_published_while_the_link_was_lost_is_an_event_if_it_is_fresh(driver, make):
+    driver.bridge.receive(make.verdict(1, at_ns=make.NOON - 1), 0.0, answered=True)
+    driver.due(0.0, make.judgement())
+    late, newest_ns = (make.NOON + round(since_s * make.SECOND) for since_s in (1.0, 2 * EVENT_S))
+    driver.bridge.receive(make.verdict(2, at_ns=late), 1.0, answered=True)
+    driver.bridge.receive(make.verdict(3, at_ns=newest_ns), 1.0, answered=True)
+    driver.due(1.0, make.judgement(2, newest_ns))
+    assert len(driver.events(1.0)) == 1, "one of a minute ago, and one of now"
+
+
 def test_facets_are_announced_once_an_observer_reports_them_and_stay(driver, make):
     def announced(topics):
         return {topic for topic in topics if any(kind in topic for kind in ("EFFORT", "SHAPE", "FACING"))}
