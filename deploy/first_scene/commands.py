@@ -49,7 +49,9 @@ def init(
         raise BadInput(f"{str(file)!r}: this name cannot be printed; choose another")
     _require_new(file)
     cameras = [_named(text, file) for text in source or []] or _found()
-    _write(file, scene_text(cameras, shlex.quote(file.name), _scene_name(file)))
+    # An address may hold a password: the file is then for this user alone.
+    private = any("://" in camera.source for camera in cameras)
+    _write(file, scene_text(cameras, shlex.quote(file.name), _scene_name(file)), 0o600 if private else 0o666)
     asks = sys.stdin.isatty() and sys.stdout.isatty()
     if asks and look:
         _show(cameras, file)
@@ -104,9 +106,10 @@ def _require_new(file: Path) -> None:
         raise LabanmeshError(f"cannot write {file}: {reason}. Name another file")
 
 
-def _write(file: Path, text: str) -> None:
+def _write(file: Path, text: str, mode: int) -> None:
+    """Write a new file. mode: its permissions, less the process's umask."""
     try:
-        with file.open("x", encoding="utf-8") as new:
+        with open(file, "x", encoding="utf-8", opener=lambda name, flags: os.open(name, flags, mode)) as new:
             new.write(text)
     except FileExistsError:
         raise BadInput(f"{file}: exists already and is not overwritten; name another file") from None

@@ -15,11 +15,11 @@ from common.address import ANY_HOST, Address
 from common.command_options import LONGEST_S
 from common.config import read_scene
 from common.errors import BadInput
-from hub.dashboard.access import LISTEN_KEY, AccessControl, checked_token, is_loopback
 from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
 
 if TYPE_CHECKING:
     from common.config import Scene
+    from hub.dashboard.access import AccessControl
     from hub.dashboard.history import CaptureTimeline
     from hub.dashboard.page_data import PageSetup
 
@@ -59,6 +59,9 @@ def dashboard(
     """
     if (scene is None) == (capture is None):
         raise BadInput("labanmesh dashboard: name either a scene file or a capture (--capture FILE)")
+    # Starlette is not needed for --help.
+    from hub.dashboard.access import LISTEN_KEY
+
     config, timeline = (read_scene(scene), None) if scene else _read_capture(capture or Path())
     settings = config.hub.dashboard if scene else type(config.hub.dashboard)()
     address = Address.parse(listen or settings.listen, LISTEN_KEY)
@@ -75,7 +78,7 @@ class DashboardRun:
     scene: "Scene"
     timeline: "CaptureTimeline | None"
     address: Address
-    access: AccessControl
+    access: "AccessControl"
     for_s: float | None = None
     file: Path | None = None
 
@@ -109,6 +112,7 @@ def _serve(run: DashboardRun) -> None:
 
 def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
+    from hub.dashboard.access import is_loopback
     from hub.dashboard.serving import NO_RIGHT, has_right, lan_address
 
     if not run.access.teaches:
@@ -123,8 +127,10 @@ def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
         yield f"for a phone: labanmesh dashboard {run.file} --teach --listen 0.0.0.0:{own.port}"
 
 
-def _access(address: Address, path: Path | None, teaches: bool) -> AccessControl:
+def _access(address: Address, path: Path | None, teaches: bool) -> "AccessControl":
     """Who may read and teach; to teach without a token a new one is made."""
+    from hub.dashboard.access import AccessControl, is_loopback
+
     if path is not None or not teaches:
         token = _token(address, path)
         return AccessControl(token, token if teaches else None)
@@ -147,6 +153,8 @@ def _read_capture(path: Path) -> tuple["Scene", "CaptureTimeline"]:
 
 def _token(address: Address, path: Path | None) -> str | None:
     """The token in the file `path`; None where every user of this machine may read."""
+    from hub.dashboard.access import LISTEN_KEY, checked_token, is_loopback
+
     if path is None:
         if not is_loopback(address):
             raise BadInput(

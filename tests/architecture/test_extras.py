@@ -98,6 +98,16 @@ def test_a_verb_imports_only_what_its_extras_bring(verb):
     assert not faults, "\n".join(faults)
 
 
+@pytest.mark.parametrize("verb", STARTED)
+def test_the_help_of_a_verb_needs_no_extra(verb):
+    modules, faults = [STARTED[verb]], []
+    for module in modules:
+        at_once = [each for each in all_imports() if each.by == module and each.at_import and not each.for_types]
+        modules += [each.of for each in at_once if each.of in FILES and each.of not in modules]
+        faults += [f"{each.place} imports {each.of}" for each in at_once if each.top in labanmesh.EXTRAS]
+    assert not faults, "import it in the function that needs it"
+
+
 def test_the_pytest_plugin_costs_nothing_until_a_fixture_is_used():
     libraries = {library for _, library in reached("labanmesh_testing.plugin")[1]}
     assert {extra_of(library) for library in libraries} == {"", "testing"}

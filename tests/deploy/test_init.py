@@ -59,6 +59,8 @@ def test_it_writes_a_file_once(tmp_path, monkeypatch, capsys):
     scene = read_scene(tmp_path / "My Dojo.toml", {})
     assert scene.scene == "my-dojo" and scene.roster == ("cam1", "cam2")
     before = (tmp_path / "My Dojo.toml").read_bytes()
+    (tmp_path / "any").touch()
+    assert (tmp_path / "My Dojo.toml").stat().st_mode == (tmp_path / "any").stat().st_mode, "it holds no address"
     monkeypatch.setattr(commands, "webcams", lambda: pytest.fail("the file is checked before cameras are looked for"))
     with pytest.raises(BadInput, match="exists already and is not overwritten"):
         init(tmp_path / "My Dojo.toml")
@@ -89,6 +91,8 @@ def test_cameras_can_be_named_and_films_begin_anew(tmp_path, monkeypatch, capsys
     assert [(s.source, s.loop) for s in scene.observers.values()] == [
         ("rtsp://10.0.0.7/stream", False), ("../wave.mp4", True), ("1", False),
     ]  # fmt: skip
+    # An address may hold a password.
+    assert (tmp_path / "rooms" / "s.toml").stat().st_mode & 0o077 == 0
     assert "labanmesh teach" in (output := capsys.readouterr().out) and "--up" in output and "webcam" not in output
     for wrong in (" ", "wave.mp5"):
         with pytest.raises(BadInput, match=f"--source '?{wrong}"):
