@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from observer.model.body_trace import relative_and_path
 from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, row_quantiles, weights_of
-from observer.tracks import Floats32, Integers
+from observer.tracks import Floats, Floats32, Integers
 
 SHORTEST_S = 0.4
 """The shortest window of convolutions; each further one is twice as long."""
@@ -96,6 +96,11 @@ class TrailingFeatures:
         velocity *= np.float32(self._rate_hz / 15)
         return np.concatenate([relative, velocity], axis=1), path
 
+    def watch(self) -> "TrailingWatch":
+        """Start watching a stream, row by row."""
+        weights = np.array(self._weights).reshape(len(self._biases), -1, len(KERNELS))
+        return TrailingWatch(self.windows, self._rate_hz, weights, self._biases)
+
     def newest(self, rows: Floats32) -> Floats32:
         """(F, 2 P + 3) trace -> (size,) the features of its last frame."""
         recent = rows[-self.windows.history - 1 :]
@@ -166,6 +171,84 @@ class TrailingFeatures:
         return cls(Windows(*lengths), rate_hz, channels, biases)
 
 
+class TrailingWatch:
+    """The features of the newest row of a stream, as `TrailingFeatures.of` finds them in the whole recording.
+
+    It keeps sums since the first row, and the extremes of each window: a row costs the same for short and long windows.
+    """
+
+    def __init__(self, windows: Windows, rate_hz: float, weights: Floats32, biases: Floats32) -> None:
+        """weights (D, 9 * 2 P, 84) and biases (D, 84) of the convolutions."""
+        dilations, taps, kernels = weights.shape
+        self._weights, self._biases, self._rate = weights, biases, np.float32(rate_hz / 15)
+        self._taps = np.array(windows.dilations)[:, None] * np.arange(1 - TAPS, 1)
+        self._convolutions, self._postures = np.array(windows.convolutions), np.array(windows.postures)
+        self._history, self._newest = windows.history, -1
+        # Extremes of a window are those of shorter ones that overlap: how many frames before each of these ends.
+        lengths = (1, *windows.postures)
+        self._overlapping = [(*range(one, two - one, one), two - one) for one, two in pairwise(lengths)]
+        stored, path = STORED * self._history, taps // TAPS
+        self._paths: Floats32 = np.zeros((stored, path), np.float32)
+        self._counts: Floats32 = np.zeros((stored, dilations, kernels), np.float32)
+        self._moments: Floats = np.zeros((stored, 2, 2 * path))
+        self._extremes: Floats32 = np.zeros((stored, len(lengths), 2, 2 * path), np.float32)
+
+    def update(self, row: Floats32) -> None:
+        """One more row (2 P + 3,) of the trace."""
+        path = (row[:-3].reshape(-1, 2) + row[-3:-1]).ravel()
+        if self._newest < 0:
+            self._begin(row[:-3], path)
+        elif self._newest == len(self._paths) - 1:
+            self._move_back()
+        self._newest += 1
+        n = self._newest
+        self._paths[n] = path
+        above = (
+            np.matmul(self._paths[n + self._taps].reshape(len(self._taps), 1, -1), self._weights)[:, 0] > self._biases
+        )
+        np.add(self._counts[n - 1], above, out=self._counts[n])
+        values = np.concatenate([row[:-3], (path - self._paths[n - 1]) * self._rate], dtype=np.float64)
+        np.add(self._moments[n - 1], (values, np.square(values)), out=self._moments[n])
+        extremes = self._extremes
+        extremes[n, 0] = -values, values
+        for level, before in enumerate(self._overlapping):
+            np.maximum(extremes[n, level], extremes[n - before[0], level], out=extremes[n, level + 1])
+            for frames in before[1:]:
+                np.maximum(extremes[n, level + 1], extremes[n - frames, level], out=extremes[n, level + 1])
+
+    def _begin(self, places: Floats32, path: Floats32) -> None:
+        """Before its first row a trace is taken to be still."""
+        self._newest = self._history - 1
+        values = np.concatenate([places, np.zeros_like(path)], dtype=np.float64)
+        frames = np.arange(self._history)
+        self._paths[: self._history] = path
+        self._counts[: self._history] = frames[:, None, None] * (self._biases < 0)
+        self._moments[: self._history] = frames[:, None, None] * np.array([values, np.square(values)])
+        self._extremes[: self._history] = -values, values
+
+    def _move_back(self) -> None:
+        """Make room; sums begin anew, so that they stay accurate."""
+        for stored in (self._paths, self._counts, self._moments, self._extremes):
+            stored[: self._history] = stored[-self._history :]
+        for sums in (self._counts, self._moments):
+            sums[: self._history] -= sums[0].copy()
+        self._newest = self._history - 1
+
+    def features(self) -> Floats32:
+        """(size,) the features of the newest row; there is at least one."""
+        n, lengths = self._newest, self._convolutions[:, None]
+        shares = (self._counts[n] - self._counts[n - self._convolutions]).transpose(1, 0, 2) / np.float32(lengths)
+        moments = self._moments[n] - self._moments[n - self._postures]
+        moments /= self._postures[:, None, None]
+        mean, squares = moments[:, 0], moments[:, 1]
+        spread = np.sqrt(np.maximum(squares - np.square(mean), 0.0))
+        least, greatest = -self._extremes[n, 1:, 0], self._extremes[n, 1:, 1]
+        of_postures = np.stack([mean, least, greatest, spread], axis=1)
+        return np.concatenate([shares.ravel(), self._extremes[n, 0, 1], of_postures.ravel()], dtype=np.float32)
+
+
+STORED = 4
+"""How many times the longest history a watch stores: the more, the more rarely it makes room."""
 MOST_SHOWN = 48
 MOST_FRAMES = 100_000
 LEAST_BIAS = 1e-5

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from observer.model.body_trace import BodyTrace, read_trace, width_of
-from observer.model.trailing_features import TrailingFeatures, Windows
+from observer.model.trailing_features import STORED, TrailingFeatures, Windows
 from observer.tracks import Tracks
 
 PARTS = ("left_hand", "right_hand", "head", "left_foot", "right_foot")
@@ -53,6 +53,21 @@ def test_features_hold_velocities_per_fifteenth_of_a_second_and_statistics_of_tr
         last = values[-length:]
         expected += [last.mean(axis=0), last.min(axis=0), last.max(axis=0), last.std(axis=0)]
     np.testing.assert_allclose(own.newest(rows)[84:], np.concatenate(expected), atol=1e-4)
+
+
+@pytest.mark.parametrize("rate_hz", [8.0, 12.5, 15.0, 30.0])
+def test_a_watch_has_the_features_of_the_whole_recording_at_any_rate(rate_hz):
+    """Also where a window is more than twice as long as the next shorter one, and after the watch has made room."""
+    learned = [read_trace(PARTS, rate_hz, recording(seed)) for seed in range(4)]
+    features = TrailingFeatures.learn(Windows.of(rate_hz, 1.1), rate_hz, learned)
+    rows = read_trace(PARTS, rate_hz, recording(9, frames=2 * STORED * features.windows.history))
+    watch, streamed = features.watch(), []
+    for row in rows:
+        watch.update(row)
+        streamed.append(watch.features())
+    different = np.abs(np.array(streamed) - features.of(rows, np.arange(len(rows)))) > 2e-5
+    # A product of other shape may round differently where a convolution equals a bias.
+    assert different.mean() < 1e-4
 
 
 def test_only_as_many_rows_as_the_history_says_are_needed(features):
