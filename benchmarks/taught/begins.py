@@ -27,9 +27,8 @@ from observer.motion.importers.florence3d import RATE_HZ as FILM_HZ
 from observer.motion.importers.florence3d import import_folder as import_florence3d
 from observer.motion.importers.msr_action3d import import_folder as import_msr
 from observer.motion.projected import view_tracks
-from observer.recording.own_tracks import RATE_HZ
+from observer.recording.own_tracks import RATE_HZ, watched_parts
 from observer.teaching.clap import ClapWatch
-from observer.teaching.take_recorder import watched_parts
 from observer.teaching.take_watch import StillnessStream
 from observer.tracks import BODY_PARTS, Floats, Tracks
 from studies.sensors import with_parts

@@ -53,6 +53,11 @@ class CameraReader:
         return self._camera.name
 
     @property
+    def body_parts(self) -> tuple[str, ...]:
+        """Of its tracker."""
+        return tuple(self._camera.tracker.body_parts)
+
+    @property
     def seconds(self) -> float:
         """Duration of the motion recorded so far."""
         return (self._at_ns[-1] - self._at_ns[0]) / SECOND_NS if self._at_ns else 0.0
@@ -131,11 +136,11 @@ def read_all(
 
 
 def open_cameras(
-    scene: Scene, observers: Sequence[str], stop: threading.Event, also: Sequence[str] = ()
+    scene: Scene, observers: Sequence[str], stop: threading.Event, also: Sequence[str] | None = None
 ) -> list[RecordingCamera]:
     """The cameras of `observers`, or of all observers with a camera file; recorded sources play at full speed.
 
-    also: body parts to track beside hands and head, if all trackers find them.
+    also: body parts to track beside hands and head, those that all trackers find; None: every one that they find.
 
     Raises BadInput for fewer than two, for an observer without a camera file, for tracks from the mesh, and as
     `open_inputs` does.
@@ -153,28 +158,23 @@ def open_cameras(
         )
     whole = _at_full_speed(scene)
     opened = {name: _opened(whole, name, BODY_PARTS, smooth=False) for name in chosen}
-    parts = (*BODY_PARTS, *also) if all(_finds(inputs, also) for inputs in opened.values()) else BODY_PARTS
-    for name, inputs in opened.items():
-        if not set(parts).issubset(inputs.tracker.tracker.body_parts):
-            opened[name] = _opened(whole, name, parts, smooth=False)
+    found = [inputs.tracker.tracker.body_parts for inputs in opened.values()]
+    others = [part for part in (found[0] if also is None else also) if part not in BODY_PARTS]
+    parts = (*BODY_PARTS, *(part for part in others if all(part in each for each in found)))
     return [_camera(name, inputs, parts, stop) for name, inputs in opened.items()]
 
 
 def open_observers(
-    scene: Scene, observers: Sequence[str], body_parts: Sequence[str], stop: threading.Event
+    scene: Scene, observers: Sequence[str], body_parts: Sequence[str] | None, stop: threading.Event
 ) -> list[RecordingCamera]:
     """The observers, calibrated or not, to record these parts of their tracks; recorded sources play at full speed.
 
-    Raises BadInput for a part that a tracker does not find, for tracks from the mesh, and as `open_inputs` does.
+    body_parts: None: all that each tracker finds. Raises BadInput for a part that a tracker does not find, for tracks
+    from the mesh, and as `open_inputs` does.
     """
     whole = _at_full_speed(scene)
     opened = {name: _opened(whole, name, body_parts, smooth=True) for name in observers}
-    return [_camera(name, inputs, body_parts, stop) for name, inputs in opened.items()]
-
-
-def _finds(inputs: ObserverInputs, body_parts: Sequence[str]) -> bool:
-    """Whether the tracker finds all these parts, or the recorded motion has them, which needs no tracker."""
-    return {*inputs.tracker.tracker.body_parts, *inputs.source.body_parts}.issuperset(body_parts)
+    return [_camera(name, inputs, body_parts or inputs.tracker.body_parts, stop) for name, inputs in opened.items()]
 
 
 def _at_full_speed(scene: Scene) -> Scene:
@@ -182,7 +182,7 @@ def _at_full_speed(scene: Scene) -> Scene:
     return scene.model_copy(update={"observers": sections})
 
 
-def _opened(scene: Scene, name: str, body_parts: Sequence[str], smooth: bool) -> ObserverInputs:
+def _opened(scene: Scene, name: str, body_parts: Sequence[str] | None, smooth: bool) -> ObserverInputs:
     inputs = open_inputs(scene, name, body_parts, smooth=smooth)
     if isinstance(inputs.source, MeshTracks):
         raise BadInput(f"observers.{name}.source: tracks from the mesh cannot be recorded; name a camera")

@@ -14,8 +14,8 @@ from common.progress import ProgressBar
 from common.text import plural, split_list
 
 if TYPE_CHECKING:
-    from observer.motion.archive import Recording
-    from observer.recording.capture import CameraReader
+    from observer.motion.archive import MotionArchive, Recording
+    from observer.recording.capture import CameraReader, RecordingCamera
     from observer.recording.tracks_file import TracksFile
 
 
@@ -64,7 +64,7 @@ class RecordOptions:
         typer.Option("--tracks", help="Record what each observer's tracker finds, in 2-D: one camera is enough."),
     ] = False
     body_parts: Annotated[
-        str, typer.Option(help="With --tracks: the parts to record, separated by commas; default: hands and head.")
+        str, typer.Option(help="With --tracks: the parts to record, separated by commas; default: all it finds.")
     ] = ""
     gate: Gate = None
     up: Annotated[str, typer.Option(help="The axis of the calibration that points up: x, -x, y, -y, z or -z.")] = "y"
@@ -94,28 +94,26 @@ def record(options: RecordOptions) -> None:
 def _record_in_space(options: RecordOptions) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
-    from observer.recording.new_recording import appended, with_trial
+    from observer.recording.new_recording import appended
     from observer.recording.reconstruction import performer_axes
     from observer.recording.visibility import NothingRecorded
-    from observer.tracks import BODY_PARTS
 
     log_to_stderr()
     performer_axes(options.up, options.front)
     if options.body_parts:
-        raise BadInput("--body-parts: only with --tracks; positions in space are of hands and head")
+        raise BadInput("--body-parts: only with --tracks; positions in space are of all parts that the cameras find")
     output = options.output
     before = read_archive(output) if output.exists() else None
     if before is not None and before.camera is not None:
         raise BadInput(f"{output}: holds 2-D tracks; give --tracks, or choose another file with -o")
-    blank = with_trial(_blank(options, 30.0), before, BODY_PARTS, str(output))
     # Ctrl-C is how a recording without --seconds ends, so what was recorded until then is kept.
     with stop_on_signals() as stop:
         try:
-            recording, lines = _recorded(options, blank, stop)
+            recording, parts, lines = _recorded(options, before, stop)
         except NothingRecorded as nothing:
             typer.echo("\n".join(nothing.lines))
             raise
-        archive = appended(before, BODY_PARTS, recording)
+        archive = appended(before, parts, recording)
         write_archive(output, archive)
     typer.echo("\n".join(lines))
     seconds_added = len(recording.positions) / recording.rate_hz
@@ -125,26 +123,24 @@ def _record_in_space(options: RecordOptions) -> None:
 def _record_tracks(options: RecordOptions) -> None:
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
-    from observer.motion.archive import TracksCamera
     from observer.recording.capture import open_observers, read_all
     from observer.recording.own_tracks import RATE_HZ
     from observer.recording.reconstruction import FRONT, UP
-    from observer.recording.tracks_file import TracksFile, tracks_files
-    from observer.tracks import BODY_PARTS
+    from observer.recording.tracks_file import tracks_files
 
     log_to_stderr()
     if (options.up, options.front, options.gate) != (UP, FRONT, None):
         raise BadInput("--tracks: is about one camera at a time; omit --up, --front and --gate")
-    parts = split_list("--body-parts", options.body_parts) or BODY_PARTS
+    parts = split_list("--body-parts", options.body_parts)
     scene = read_scene(options.scene)
     observers = split_list("--observers", options.observers) or scene.roster
     for observer in observers:
         scene.observer(observer)
     paths, blank = tracks_files(options.output, observers), _blank(options, RATE_HZ)
-    files = {observer: TracksFile(paths[observer], parts, TracksCamera(observer)) for observer in observers}
-    blanks = {observer: file.with_trial(blank) for observer, file in files.items()}
     with stop_on_signals() as stop, ProgressBar() as bar:
-        cameras = open_observers(scene, observers, parts, stop)
+        cameras = open_observers(scene, observers, parts or None, stop)
+        files = {camera.name: _tracks_file(paths[camera.name], camera, exactly=bool(parts)) for camera in cameras}
+        blanks = {observer: file.with_trial(blank) for observer, file in files.items()}
         _announce(blanks, options.seconds)
         readers = read_all(cameras, stop, options.seconds, _progress(bar, options.seconds))
     faults = [_add_take(reader, files[reader.name], blanks[reader.name], options.trim) for reader in readers]
@@ -152,18 +148,31 @@ def _record_tracks(options: RecordOptions) -> None:
         raise BadInput("; ".join(filter(None, faults)))
 
 
+def _tracks_file(path: Path, camera: "RecordingCamera", exactly: bool) -> "TracksFile":
+    """The file for the camera's tracks; exactly: it may not have other parts."""
+    from observer.motion.archive import TracksCamera
+    from observer.recording.tracks_file import TracksFile
+
+    file = TracksFile(path, camera.tracker.body_parts, TracksCamera(camera.name))
+    if not exactly:
+        file.widen(camera.tracker.body_parts)
+    return file
+
+
 def _add_take(reader: "CameraReader", file: "TracksFile", blank: "Recording", trim: bool) -> str:
     """Add what a camera recorded to its file, and print so; returns why there is nothing to add, "" if there is."""
     from observer.motion.archive import TracksCamera
-    from observer.recording.own_tracks import quality_line, trimmed
+    from observer.recording.own_tracks import in_parts, quality_line, trimmed, watched_parts
 
+    parts = reader.body_parts
     try:
         take = reader.cut(blank)
     except BadInput as error:
         return f"{reader.name}: {error}"
     if reader.picture_size:
         file.camera = TracksCamera(reader.name, reader.picture_size)
-    take = file.add(trimmed(take, file.body_parts) if trim else take)
+    take = trimmed(take, parts, watched_parts(parts)) if trim else take
+    take = file.add(in_parts(take, parts, file.body_parts))
     typer.echo(f"{file.path}: {quality_line(take, file.body_parts)}; now {plural(len(file.recordings), 'recording')}")
     return ""
 
@@ -180,23 +189,25 @@ def _blank(options: RecordOptions, rate_hz: float) -> "Recording":
     import numpy as np
 
     from observer.motion.archive import Recording
-    from observer.tracks import BODY_PARTS
 
     trial = "" if options.trial is None else str(options.trial)
-    empty = np.zeros((0, len(BODY_PARTS), 3), np.float32)
+    empty = np.zeros((0, 0, 3), np.float32)
     return Recording(empty, options.rate or rate_hz, options.label, options.subject, trial)
 
 
-def _recorded(options: RecordOptions, blank: "Recording", stop: threading.Event) -> "tuple[Recording, Sequence[str]]":
-    """`blank` with its frames, and lines about their quality."""
+def _recorded(
+    options: RecordOptions, before: "MotionArchive | None", stop: threading.Event
+) -> "tuple[Recording, tuple[str, ...], Sequence[str]]":
+    """A recording for the archive `before`, its body parts, and lines about its quality."""
     from common.config import read_scene
     from observer.recording.capture import open_cameras, read_cameras
-    from observer.recording.new_recording import RecordingOptions, build_recording
-    from observer.tracks import BODY_PARTS
+    from observer.recording.new_recording import RecordingOptions, build_recording, with_trial
 
-    seconds = options.seconds
+    seconds, observers = options.seconds, split_list("--observers", options.observers)
     with ProgressBar() as bar:
-        cameras = open_cameras(read_scene(options.scene), split_list("--observers", options.observers), stop)
+        cameras = open_cameras(read_scene(options.scene), observers, stop, before.body_parts if before else None)
+        parts = tuple(cameras[0].tracker.body_parts)
+        blank = with_trial(_blank(options, 30.0), before, parts, str(options.output))
         until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
         names = ", ".join(camera.name for camera in cameras)
         typer.echo(
@@ -204,9 +215,10 @@ def _recorded(options: RecordOptions, blank: "Recording", stop: threading.Event)
         )
         tracks = read_cameras(cameras, stop, seconds, _progress(bar, seconds))
         axes_and_gate = RecordingOptions(options.gate, options.up, options.front, options.trim)
-        return build_recording(
-            tracks, BODY_PARTS, blank, axes_and_gate, lambda done, total: bar("triangulating", done, total)
+        recording, lines = build_recording(
+            tracks, parts, blank, axes_and_gate, lambda done, total: bar("triangulating", done, total)
         )
+        return recording, parts, lines
 
 
 def _progress(bar: ProgressBar, seconds: float | None) -> Callable[[float], None]:

@@ -7,6 +7,7 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, is_label
+from observer.recording.own_tracks import shares_text
 from observer.recording.reconstructed_parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
     FRONT,
@@ -20,13 +21,13 @@ from observer.recording.reconstruction import (
 )
 from observer.recording.smoothing import noise_m, smoothed
 from observer.recording.visibility import NothingRecorded, cause_of, visibility_lines
-from observer.tracks import Floats
+from observer.tracks import BODY_PARTS, Floats
 
 Progress = Callable[[int, int], None]
 OUTLIER_SHARE = 0.1
 """A camera that is an outlier more often than this gets a line of its own."""
 LITTLE = 0.5
-"""If all parts are known in fewer of the instants, the lines say what each camera saw."""
+"""If hands and head are known in fewer of the instants, the lines say what each camera saw."""
 
 
 def with_trial(blank: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], path: str) -> Recording:
@@ -98,7 +99,7 @@ def build_recording(
         raise NothingRecorded(
             cause_of(reconstructed.result), [*visibility_lines(tracks, body_parts, reconstructed.result)]
         )
-    if np.isfinite(positions).all(axis=-1).all(axis=-1).mean() < LITTLE:
+    if np.isfinite(positions[:, _needed(body_parts)]).all(axis=(1, 2)).mean() < LITTLE:
         lines += visibility_lines(tracks, body_parts, result)
     if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
@@ -119,11 +120,18 @@ def exchange_lines(reconstructed: ReconstructedParts) -> list[str]:
 def quality_lines(names: Sequence[str], body_parts: Sequence[str], result: Reconstruction, final: Floats) -> list[str]:
     """One line for all cameras, and one for each camera with a problem; final: (K, P, 3) the repaired positions."""
     known = np.logical_and.reduce(np.isfinite(final), axis=-1)
-    shares = ", ".join(f"{part} {share:.0%}" for part, share in zip(body_parts, known.mean(axis=0), strict=True))
+    shares = shares_text(dict(zip(body_parts, known.mean(axis=0).tolist(), strict=True)))
     errors = result.errors_px[result.inliers]
     error = f"median reprojection error {np.median(errors):.1f} px" if len(errors) else "no position found"
-    head = f"all parts in {known.all(axis=1).mean():.0%} of {len(final)} instants ({shares}); {error}"
+    needed = _needed(body_parts)
+    name, share = "hands and head" if len(needed) < len(body_parts) else "all parts", known[:, needed].all(axis=1)
+    head = f"{name} in {share.mean():.0%} of {len(final)} instants ({shares}); {error}"
     return [head, *filter(None, (_camera_line(n, name, result) for n, name in enumerate(names)))]
+
+
+def _needed(body_parts: Sequence[str]) -> list[int]:
+    """The rows of hands and head: feet and knees are often out of the picture."""
+    return [row for row, part in enumerate(body_parts) if part in BODY_PARTS]
 
 
 def outlier_shares(result: Reconstruction) -> Floats:

@@ -3,7 +3,7 @@
 `observer.recording.tracks_file.TracksFile` is the archive that they are added to.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,17 +11,20 @@ from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput
+from common.text import plural
 from observer.motion.archive import Recording, Span
 from observer.motion.even_rate import at_even_rate, spans_at_even_rate
 from observer.recording.tracks_ring import TracksRing
 from observer.stillness import Stillness
-from observer.tracks import Floats, Frame, Tracks
+from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
 RATE_HZ = 15.0
 """Default rate of recordings: most trackers find people as often on a small machine."""
 MEMORY_S = 600.0
 MARGIN_S = 0.25
 """Rest that stays before and after a trimmed movement."""
+WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
+"""The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +134,12 @@ class TracksRecorder:
         return spans_at_even_rate(spans, at_ns, self.rate_hz)
 
 
+def watched_parts(body_parts: Sequence[str]) -> tuple[str, ...]:
+    """Those of the parts that show whether somebody moves."""
+    watched = tuple(part for part in body_parts if part in WATCHED)
+    return watched if len(watched) > 1 else tuple(body_parts)
+
+
 def moving_frames(recording: Recording, body_parts: Sequence[str]) -> tuple[int, int]:
     """First and past-the-end frame in which the person moves, with MARGIN_S of rest on both sides; (0, 0) if never."""
     stillness = Stillness(body_parts, recording.rate_hz)
@@ -170,11 +179,21 @@ def seen_shares(recording: Recording, body_parts: Sequence[str]) -> dict[str, fl
     return dict(zip(body_parts, shares.tolist(), strict=True))
 
 
+def shares_text(shares: Mapping[str, float]) -> str:
+    """The share of each part; of more than hands and head, the smallest and the largest share of the others."""
+    others = [share for part, share in shares.items() if part not in BODY_PARTS]
+    if len(others) in (0, len(shares)):
+        return ", ".join(f"{part} {share:.0%}" for part, share in shares.items())
+    named = ", ".join(f"{part} {share:.0%}" for part, share in shares.items() if part in BODY_PARTS)
+    return f"{named}, {plural(len(others), 'other')} {min(others):.0%} to {max(others):.0%}"
+
+
 def quality_line(recording: Recording, body_parts: Sequence[str]) -> str:
     """What was recorded, how well each part was seen, and a warning if the person of a movement did not move."""
-    shares = ", ".join(f"{part} {share:.0%}" for part, share in seen_shares(recording, body_parts).items())
+    shares = shares_text(seen_shares(recording, body_parts))
     seconds = len(recording.positions) / recording.rate_hz
     line = f"added {seconds:.1f} s of {recording.label or 'other motion'}, trial {recording.trial} ({shares})"
-    if recording.label and moving_frames(recording, body_parts) == (0, 0):
+    watched = watched_parts(body_parts)
+    if recording.label and moving_frames(in_parts(recording, body_parts, watched), watched) == (0, 0):
         line += "; the person does not move in it: record it again"
     return line

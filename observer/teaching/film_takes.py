@@ -14,10 +14,10 @@ from common.files import expand_home
 from common.teaching_messages import TeachRequest
 from common.tracker_choice import content_of
 from observer.camera.base import kind_of
-from observer.recording.own_tracks import RATE_HZ, TracksRecorder, trimmed
+from observer.recording.own_tracks import RATE_HZ, TracksRecorder, trimmed, watched_parts
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
-from observer.teaching.take_recorder import SHORTEST_S, TakeRecorder, watched_parts
+from observer.teaching.take_recorder import SHORTEST_S, TakeRecorder
 from observer.teaching.take_watch import LONGEST_S
 from observer.teaching.takes_file import TakesFile
 from observer.tracks import Frame

@@ -7,26 +7,23 @@
 Times are those of frames, in ns.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import SOMEONE, TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
-from observer.recording.own_tracks import TracksRecorder, trimmed
+from observer.recording.own_tracks import TracksRecorder, trimmed, watched_parts
 from observer.teaching.clap import ClapWatch
 from observer.teaching.interfaces import Takes
 from observer.teaching.shown_tracks import shown_tracks
 from observer.teaching.take_watch import StillnessStream, TakeWatch
-from observer.tracks import BODY_PARTS, Tracks
+from observer.tracks import Tracks
 
 PIECE_S = 20.0
 SHORTEST_S = 0.4
 """No movement that a person means is shorter."""
 NOW_S = 0.7
 """Seconds of the newest tracks that a teacher is shown."""
-WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
-"""The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 NO_PICTURES = "no pictures"
 LOST = "no pictures any more: is the camera working?"
 COMPANY_S = 3.0
@@ -51,12 +48,6 @@ class CurrentTake:
     def is_asked_by(self, request: TeachRequest) -> bool:
         """Whether the request is about this take."""
         return (self.label, self.take) == (request.label, request.take)
-
-
-def watched_parts(body_parts: Sequence[str]) -> tuple[str, ...]:
-    """Those of the parts that show whether somebody moves."""
-    watched = tuple(part for part in body_parts if part in WATCHED)
-    return watched if len(watched) > 1 else tuple(body_parts)
 
 
 class TakeRecorder:

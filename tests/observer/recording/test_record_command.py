@@ -229,6 +229,27 @@ def test_each_recording_extends_the_archive(run, dojo):
     assert 30 <= len(second.positions) <= 31
 
 
+def test_all_parts_that_the_cameras_find_are_recorded(run, dojo):
+    feet = ("left_foot", "right_foot")
+    whole = np.concatenate([waving(), waving()[:, :2] - [0, 0.7, 0]], axis=1).astype(np.float32)
+    write_archive(dojo / "motion.npz", MotionArchive((*BODY_PARTS, *feet), (Recording(whole, 30.0, "", "anna", "1"),)))
+    output = run("scene.toml", "-o", "mine.npz", "--label", "wave", "--subject", "anna")
+    assert "hands and head in 100% of 60 instants" in output and "head 100%, 2 others 100% to 100%" in output
+    archive = read_archive(dojo / "mine.npz")
+    assert archive.body_parts == (*BODY_PARTS, *feet)
+    np.testing.assert_allclose(archive.recordings[0].positions, whole, atol=1e-4)
+    # An archive keeps the parts that it has.
+    write_archive(dojo / "old.npz", MotionArchive(BODY_PARTS, (Recording(whole[:, :3], 30.0, "wave", "anna", "1"),)))
+    run("scene.toml", "-o", "old.npz", "--label", "wave", "--subject", "anna")
+    assert [r.positions.shape[1] for r in read_archive(dojo / "old.npz").recordings] == [3, 3]
+    wider = MotionArchive((*BODY_PARTS, "nose"), (Recording(whole[:, :4], 30.0, "wave", "anna", "1"),))
+    write_archive(dojo / "nose.npz", wider)
+    with rejected(
+        "nose.npz: contains left_hand, right_hand, head, nose, but this records left_hand, right_hand, head;"
+    ):
+        run("scene.toml", "-o", "nose.npz", "--label", "wave", "--subject", "anna")
+
+
 def test_other_motion_is_recorded_without_a_label(run, dojo):
     output = run("scene.toml", "-o", "life.npz", "--other-motion", "--subject", "anna")
     assert "recording other motion by anna, trial 1" in output

@@ -1,5 +1,7 @@
 """`labanmesh record --tracks`: one camera, no calibration, no pictures kept; what cannot be recorded loses nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -56,6 +58,22 @@ def test_tracks_of_one_camera_are_added_take_by_take(run, room):
     seen = projected(read_archive(room / "person.npz"), parse_view("yaw:30"), archive.camera).recordings[0]
     np.testing.assert_allclose(archive.recordings[2].positions, seen.positions, atol=1e-4)
     assert len(archive.recordings[1].positions) < len(archive.recordings[0].positions)
+
+
+def test_all_parts_that_the_tracker_finds_are_recorded(run, room):
+    wanted = ("--observers", "sofa", "-o", "sofa.npz", "--label", "wave", "--seconds", "2")
+    record(run, *wanted, "--body-parts", "left_hand,right_hand,head")
+    person = read_archive(room / "person.npz")
+    stream = person.recordings[0]
+    whole = replace(stream, positions=np.concatenate([stream.positions, stream.positions[:, :1] - 0.5], axis=1))
+    write_archive(room / "person.npz", MotionArchive((*person.body_parts, "left_foot"), (whole,)))
+    status, out, _ = record(run, *wanted, "--trim")
+    assert status == 0 and "head 100%, 1 other 100% to 100%); now 2 recordings" in out
+    archive = read_archive(room / "sofa.npz")
+    assert archive.body_parts == (*person.body_parts, "left_foot")
+    assert [bool(np.isfinite(r.positions[:, 3]).all()) for r in archive.recordings] == [False, True]
+    status, _, err = record(run, *wanted, "--body-parts", "head")
+    assert status == 2 and "sofa.npz: contains left_hand, right_hand, head, left_foot, but this records head;" in err
 
 
 def test_all_observers_record_the_same_take_each_into_its_own_file(run, room):
