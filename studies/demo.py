@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,6 +29,8 @@ from common.wire import BadMessage, decode
 
 PLAY_TIMEOUT_S = 60.0
 """How much longer than the performance the processes may take: on a busy core they need half a minute to start."""
+LOOK_S = 0.1
+"""How often it looks whether the processes have ended before they published anything."""
 STOP_TIMEOUT_S = 10.0
 NEXT = (
     """next, your own movements: labanmesh init, with your cameras; or labanmesh teach --rehearse, without a camera"""
@@ -123,19 +126,23 @@ def play(scene_file: Path, log: Path, length_s: float) -> DemoTraffic:
     Raises LabanmeshError that names the log when the processes do not end or publish nothing.
     """
     scene, traffic = read_scene(scene_file), DemoTraffic()
+    keys = scene.keys
     python = [sys.executable, "-P", "-m", "labanmesh"]
     with (
         log.open("w", encoding="utf-8") as log_file,
         Link.open(scene.mesh, "hub") as link,
-        _subscribed(link.inbox(scene.keys.posterior(), scene.keys.judgement, scene.keys.verdict), scene, traffic),
+        _subscribed(link.inbox(keys.posterior(), keys.judgement, keys.verdict), scene, traffic) as is_received,
         _process([*python, "up", str(scene_file), "--exit-when-done"], stdout=log_file, stderr=log_file) as up,
-        _process([*python, "watch", str(scene_file)]),
     ):
-        status = 0
-        try:
-            status = up.wait(length_s + PLAY_TIMEOUT_S)
-        except subprocess.TimeoutExpired:
-            traffic.timed_out = True
+        # Before anything is published watch would say that nothing runs.
+        end_s = time.monotonic() + PLAY_TIMEOUT_S
+        while up.poll() is None and time.monotonic() < end_s and not is_received.wait(LOOK_S):
+            pass
+        with _process([*python, "watch", str(scene_file)]):
+            try:
+                status = up.wait(length_s + PLAY_TIMEOUT_S)
+            except subprocess.TimeoutExpired:
+                status, traffic.timed_out = 0, True
     if status or traffic.began_ns is None or not traffic.judgements:
         raise LabanmeshError(f"the demo's processes failed or published nothing; {log} says why")
     return traffic
@@ -157,9 +164,9 @@ def _process(command: list[str], **streams: object) -> Iterator[subprocess.Popen
 
 
 @contextlib.contextmanager
-def _subscribed(inbox: Inbox, scene: Scene, traffic: DemoTraffic) -> Iterator[None]:
-    """Collect messages in a thread until the block is left and the inbox is empty."""
-    done = threading.Event()
+def _subscribed(inbox: Inbox, scene: Scene, traffic: DemoTraffic) -> Iterator[threading.Event]:
+    """Collect messages in a thread until the block is left and the inbox is empty; yields what the first sets."""
+    done, arrived = threading.Event(), threading.Event()
 
     def collect() -> None:
         while True:
@@ -167,13 +174,14 @@ def _subscribed(inbox: Inbox, scene: Scene, traffic: DemoTraffic) -> Iterator[No
             for arrival in inbox.take(0.1):
                 with contextlib.suppress(BadMessage):
                     traffic.add(arrival.key, arrival.payload, scene)
+                    arrived.set()
             if over:
                 return
 
     thread = threading.Thread(target=collect, name="demo-listener")
     thread.start()
     try:
-        yield
+        yield arrived
     finally:
         done.set()
         thread.join()

@@ -1,15 +1,20 @@
 """The demo's result: first and last words, additional verdicts, late votes, and a table also without matplotlib."""
 
+import contextlib
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from common import SECOND_NS
 from common.config import read_scene
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
+from common.inbox import Inbox
 from common.messages import Agreement, JudgementMessage, VerdictMessage, VocabularyReference, Vote
+from common.wire import encode
 from observer.motion.archive import Recording, Span
+from studies import demo
 from studies.demo import DemoTraffic
 from studies.demo_report import draw_figures, movement_rows, result_text
 from studies.demo_scene import synthetic_performance, write_demo
@@ -106,3 +111,35 @@ def test_without_pixels_observers_get_positions_and_nothing_is_filmed(tmp_path, 
     file, rate = write_demo(synthetic_performance(0), tmp_path / "shown", lambda *_: None, pixels=False)
     observers = read_scene(file).observers.values()
     assert rate is None and {observer.source for observer in observers} == {"performance.npz"} and len(observers) == 4
+
+
+class SlowToStart:
+    """The processes of a demo that publish a judgement only after they have been looked at three times."""
+
+    def __init__(self, inbox, key):
+        self._inbox, self._key, self._looks, self.started = inbox, key, 0, []
+
+    @contextlib.contextmanager
+    def process(self, command, **_):
+        self.started.append((command[4], self._looks))
+        yield self
+
+    def poll(self):
+        self._looks += 1
+        if self._looks == 3:
+            self._inbox.put(self._key, encode(judgement(0.0, "counted")))
+
+    def wait(self, timeout_s):
+        return 1
+
+
+def test_the_terminal_view_starts_when_something_is_published(tmp_path, monkeypatch):
+    (tmp_path / "scene.toml").write_text('scene = "demo"\n[observers.a]\nsource = "a.npz"\n')
+    inbox = Inbox()
+    up = SlowToStart(inbox, read_scene(tmp_path / "scene.toml").keys.judgement)
+    link = SimpleNamespace(inbox=lambda *_: inbox)
+    monkeypatch.setattr(demo.Link, "open", lambda *_: contextlib.nullcontext(link))
+    monkeypatch.setattr(demo, "_process", up.process)
+    with pytest.raises(LabanmeshError, match=r"log\.txt says why"):
+        demo.play(tmp_path / "scene.toml", tmp_path / "log.txt", 1.0)
+    assert up.started == [("up", 0), ("watch", 3)]
