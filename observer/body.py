@@ -37,6 +37,11 @@ class BodyFrame:
         self._size = math.nan
 
     @property
+    def seen(self) -> bool:
+        """Whether any part is seen in this frame."""
+        return self._unseen == 0
+
+    @property
     def anchor(self) -> Floats:
         """(2,) the body's place in this frame: the head, or what else there is; held while it is not seen.
 
@@ -105,7 +110,7 @@ class BodyAnchor:
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
         points = [[list(body_parts).index(p) for p in point] for point in TRUNK if set(point) <= set(body_parts)]
-        self._ones, self._others = [p[0] for p in points], [p[-1] for p in points]
+        self._ends = np.array([[p[0] for p in points], [p[-1] for p in points]], np.int64)
         self._parts = len(body_parts)
         self._recent = max(round(STEADY_S * rate_hz), 1)
         self.forget()
@@ -113,13 +118,13 @@ class BodyAnchor:
     def forget(self) -> None:
         """Start anew, with another person."""
         self.place: Floats = np.full(2, np.nan)
-        self._offsets: Floats = np.full((max(len(self._ones), 1), 2), np.nan)
+        self._offsets: Floats = np.full((max(self._ends.shape[1], 1), 2), np.nan)
         self._first: list[Floats] = []
         self._held: Floats = np.full((self._parts, 2), np.nan)
 
     def update(self, centres: Floats) -> Floats:
         """(P, 2) -> (2,) the place in this frame, held while no part tells it."""
-        place = self._of_trunk(centres) if self._ones else self._of_all(centres)
+        place = self._of_trunk(centres) if self._ends.size else self._of_all(centres)
         if math.isfinite(place[0]):
             if len(self._first) < self._recent:
                 self._first.append(place)
@@ -134,14 +139,17 @@ class BodyAnchor:
         return known.mean(axis=0) if len(known) else self.place
 
     def _of_trunk(self, centres: Floats) -> Floats:
-        points: Floats = (centres[self._ones] + centres[self._others]) / 2
+        ones, others = centres[self._ends]
+        points: Floats = (ones + others) / 2
         best: Floats = points[0]
         if len(points) == 1:
             return best
         if math.isfinite(best[0]):
             offsets = best - points
             np.copyto(self._offsets, offsets, where=np.isnan(self._offsets))
-            self._offsets += 0.2 * np.nan_to_num(offsets - self._offsets)
+            change = 0.2 * (offsets - self._offsets)
+            change[np.isnan(change)] = 0.0
+            self._offsets += change
             return best
         for point, offset in zip(points[1:], self._offsets[1:], strict=True):
             if math.isfinite(point[0]):

@@ -39,7 +39,7 @@ class BodyReach:
         row = {part: n for n, part in enumerate(body_parts)}
         pairs = [(row[a], row[b], share) for (a, b), share in LENGTHS.items() if a in row and b in row]
         pairs = pairs or [(a, b, TORSO_SHARE) for b in range(len(row)) for a in range(b)]
-        self._ones, self._others = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        self._ends = np.array([[pair[0] for pair in pairs], [pair[1] for pair in pairs]])
         self._shares = np.array([pair[2] for pair in pairs])
         self.forget()
 
@@ -58,9 +58,11 @@ class BodyReach:
         A frame's size is its largest length, or with many pairs one that a quarter of them reach, so that one false
         part does not decide.
         """
-        across = centres[self._ones] - centres[self._others]
+        ones, others = centres[self._ends]
+        across = ones - others
         lengths = np.hypot(across[:, 0], across[:, 1]) * self._shares
-        lengths = np.sort(lengths[lengths > 0])
+        lengths = lengths[lengths > 0]
+        lengths.sort()
         if len(lengths):
             self._last = [*self._last[1 - FRAMES :], float(lengths[-1 - len(lengths) // 4])]
         return sorted(self._last)[(len(self._last) - 1) // 2] if self._last else math.nan

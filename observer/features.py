@@ -149,8 +149,9 @@ class PostureReader:
         """As `update`, with the origin (2,) and the size of a body frame that the caller has updated."""
         features = np.full(FEATURES_PER_PART * len(tracks.centres) + HANDS_FEATURES, np.nan)
         of_parts = features[:-HANDS_FEATURES].reshape(-1, FEATURES_PER_PART)
-        of_parts[:, :2] = (tracks.centres - origin) * UP / size
-        velocity = (tracks.centres - self._last) * UP / size * (self._rate_hz / REFERENCE_HZ)
+        scale = UP / size
+        of_parts[:, :2] = (tracks.centres - origin) * scale
+        velocity = (tracks.centres - self._last) * (scale * (self._rate_hz / REFERENCE_HZ))
         self._last = tracks.centres.copy()
         of_parts[:, 2:] = soft_direction(velocity, self._max_speed)
         if len(self._hands) == 2:

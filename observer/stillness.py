@@ -24,6 +24,7 @@ QUIET = 0.2
 OF_JERKS = math.sqrt(6) * math.sqrt(-2 * math.log(1 - QUIET))
 """The QUIET quantile of the length of the second difference of 2-D white noise with standard deviation 1: the second
 difference has sqrt(1 + 4 + 1) times the deviation, and a length is Rayleigh distributed."""
+JERK = np.array([1.0, -2.0, 1.0])
 USUAL_NOISE, MOST_NOISE, USUAL_FRAMES = 0.03, 0.08, 10.0
 """Body sizes: noise before any frame, its weight in frames, and the most noise. Kinect's hands tremble 1 to 3 cm."""
 
@@ -44,8 +45,8 @@ class Stillness:
     def forget(self) -> None:
         """Start anew, with another person."""
         self._window: Floats = np.full((2 * self._half, self._parts, 2), np.nan)
-        self._jerks: Floats = np.full((self._memory, self._parts), np.nan)
-        self._noise, self._weights = np.full(self._parts, math.nan), np.zeros(self._parts)
+        self._jerks: Floats = np.full((self._parts, self._memory), np.nan)
+        self._measured, self._usual = np.zeros(self._parts), np.full(self._parts, USUAL_NOISE)
         self._frames, self._size = 0, math.nan
         self.probability = 0.5
         """In the newest frame; 0.5 while nothing is known."""
@@ -55,27 +56,26 @@ class Stillness:
         """P(still) after one more frame. size: the body's in the image, NaN while unknown; None: found here."""
         self._window[:-1] = self._window[1:]
         self._window[-1] = tracks.centres
-        jerk = self._window[-1] - 2 * self._window[-2] + self._window[-3]
-        self._jerks[self._frames % self._memory] = np.hypot(jerk[:, 0], jerk[:, 1])
+        jerk = JERK @ self._window[-3:].reshape(3, -1)
+        self._jerks[:, self._frames % self._memory] = np.hypot(jerk[::2], jerk[1::2])
         if size is None:
             reach = self._reach.update(tracks.centres)
             self._size = self._size if reach <= self._size else reach
             size = self._size
         if self._frames % self._every == 0:
-            self._noise = self._trembling()
+            self._measure_trembling()
         self._frames += 1
         speeds = self._speeds()
         limits = np.hypot(SLOW_PER_S * size, TREMBLES * self._noise_of(size) * math.sqrt(2 / self._half) / self._half_s)
-        ratios = (speeds / limits)[np.isfinite(speeds)]
-        known = len(ratios) > 0 and math.isfinite(size)
-        self.probability = 1 / (1 + float(ratios.max()) ** STEEP) if known else 0.5
+        ratio = float(np.fmax.reduce(speeds / limits))
+        self.probability = 0.5 if math.isnan(ratio) else 1 / (1 + ratio**STEEP)
         return self.probability
 
     def _speeds(self) -> Floats:
         """(P,) image units a second, between the mean places in both halves; NaN where one does not show the part."""
         halves = self._window.reshape(2, self._half, -1, 2)
         sums = halves.sum(axis=1)
-        if np.isfinite(sums).all():
+        if math.isfinite(sums.sum()):
             way = (sums[1] - sums[0]) / self._half
             sideways = np.sort(way[:, 0])
         else:
@@ -90,16 +90,15 @@ class Stillness:
         speeds: Floats = np.hypot(way[:, 0], way[:, 1]) / self._half_s
         return speeds
 
-    def _trembling(self) -> Floats:
-        """(P,) standard deviation of each part's coordinates by its jerks, in the image; NaN where none is known."""
-        jerks = np.sort(self._jerks, axis=0)
-        counts = np.isfinite(jerks).sum(axis=0)
-        quiet: Floats = jerks[(QUIET * counts).astype(int), np.arange(self._parts)] / OF_JERKS
-        self._weights = counts / (counts + USUAL_FRAMES)
-        return quiet
+    def _measure_trembling(self) -> None:
+        """By the jerks of each part (P,): the standard deviation of its coordinates, as far as it is known."""
+        jerks = np.sort(self._jerks, axis=1)
+        counts = np.isfinite(jerks).sum(axis=1)
+        quiet = jerks[np.arange(self._parts), (QUIET * counts).astype(int)] / OF_JERKS
+        weights = counts / (counts + USUAL_FRAMES)
+        self._measured, self._usual = np.where(counts > 0, weights * quiet, 0.0), (1 - weights) * USUAL_NOISE
 
     def _noise_of(self, size: float) -> Floats:
-        """(P,) the same with what is usual, in the image."""
-        measured = np.nan_to_num(self._noise)
-        mixed: Floats = self._weights * measured + (1 - self._weights) * USUAL_NOISE * size
+        """(P,) standard deviation of each part's coordinates in the image, of what is measured and what is usual."""
+        mixed: Floats = self._measured + self._usual * size
         return np.minimum(mixed, MOST_NOISE * size)

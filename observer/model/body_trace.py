@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from observer.body import BodyFrame
+from observer.features import UP
 from observer.tracks import Floats, Floats32, Integers, Tracks
 
 FASTEST_PER_S = 40.0
@@ -44,21 +45,23 @@ class BodyTrace:
         if np.isfinite(size) and size > 0:
             self._size = size
             # The body frame holds its anchor while nobody is seen; a held place is no sight of the body.
-            anchor = self.frame.anchor if tracks.visible.any() else np.full(2, np.nan)
-            points = np.concatenate([tracks.centres, anchor[None]]) * (1.0, -1.0)
+            anchor = self.frame.anchor if self.frame.seen else np.full(2, np.nan)
+            points = np.concatenate([tracks.centres, anchor[None]]) * UP
             self._follow(points, size)
-        return np.concatenate([self._relative.ravel(), self._path, [self._size]]).astype(np.float32)
+        return np.concatenate([self._relative.ravel(), self._path, [self._size]], dtype=np.float32)
 
     def _follow(self, points: Floats, size: float) -> None:
         step = (points - self._last) / size
-        jump = np.hypot(step[:, 0], step[:, 1]) > self._limit * (1 + self._unseen)
-        visible = np.isfinite(points[:, 0]) & ~(jump & (self._unseen < LONGEST_JUMP))
-        if visible[-1]:
-            if np.isfinite(step[-1, 0]) and self._unseen[-1] <= self._bridge and not jump[-1]:
+        unseen = self._unseen
+        jump = np.hypot(step[:, 0], step[:, 1]) > self._limit * (1 + unseen)
+        visible = np.isfinite(points) & ~(jump & (unseen < LONGEST_JUMP))[:, None]
+        if visible[-1, 0]:
+            if np.isfinite(step[-1, 0]) and unseen[-1] <= self._bridge and not jump[-1]:
                 self._path += step[-1]
-            self._relative[visible[:-1]] = (points[:-1][visible[:-1]] - points[-1]) / size
-        self._last[visible] = points[visible]
-        self._unseen = np.where(visible, 0, self._unseen + 1)
+            np.copyto(self._relative, (points[:-1] - points[-1]) / size, where=visible[:-1])
+        np.copyto(self._last, points, where=visible)
+        unseen += 1
+        unseen[visible[:, 0]] = 0
 
 
 def read_trace(body_parts: Sequence[str], rate_hz: float, tracks: Iterable[Tracks]) -> Floats32:
@@ -110,5 +113,5 @@ def extent(rows: Floats32, rate_hz: float) -> float:
     recent = rows[-max(round(EXTENT_S * rate_hz), 2) :]
     places = recent[:, :-3].copy()
     places[:, 1::2] += recent[:, -2:-1]
-    sides = places.max(axis=0) - places.min(axis=0)
-    return float(np.hypot(sides[::2], sides[1::2]).max())
+    sides = np.maximum.reduce(places) - np.minimum.reduce(places)
+    return float(np.maximum.reduce(np.hypot(sides[::2], sides[1::2])))
