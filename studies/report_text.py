@@ -104,7 +104,8 @@ def stream_text(stream: dict[str, Any]) -> list[str]:
     """The scores by the first and the last word, by person, by threshold, and those of other motion, as lines."""
     lines = [
         f"in streams: {plural(stream['movements'], 'movement')} in {stream['minutes']:.1f} minutes, "
-        f"median latency of right verdicts {_or_none(stream['median_latency_s'], '.2f', ' s')}",
+        f"median latency of right verdicts {_or_none(stream['median_latency_s'], '.2f', ' s')}, "
+        f"right in {_or_none(stream['frames_right'], '.1%')} of the frames",
         "",
         *_by_word(stream),
     ]

@@ -35,10 +35,11 @@ class StreamVerdict:
 
 @dataclass(frozen=True, slots=True)
 class JudgedStream:
-    """A stream and the verdicts on it."""
+    """A stream and the verdicts on it. answers: the movement that is judged to go on in each frame, "" for none."""
 
     recording: Recording
     verdicts: Sequence[StreamVerdict]
+    answers: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +47,8 @@ class SpottingScore:
     """Counts over streams; latencies in seconds from the begin of a movement to its right verdict.
 
     unlearned: movements that were not learned; labelled: how many of them got a label. rest_s: time of other motion;
-    alarms_at_rest: false verdicts in it. length_s: of all; abstentions: verdicts without a label.
+    alarms_at_rest: false verdicts in it. length_s: of all; abstentions: verdicts without a label. frames: with an
+    answer; frames_right: where it is the movement that goes on, or none does.
     """
 
     right: int = 0
@@ -59,6 +61,8 @@ class SpottingScore:
     labelled: int = 0
     length_s: float = 0.0
     abstentions: int = 0
+    frames: int = 0
+    frames_right: int = 0
 
     def plus(self, other: "SpottingScore") -> "SpottingScore":
         """The sum of both."""
@@ -92,6 +96,7 @@ class SpottingScore:
             "movements": self.movements,
             "minutes": self.length_s / 60,
             "abstentions_per_minute": self.abstentions_per_minute,
+            "frames_right": self.frames_right / self.frames if self.frames else None,
         }
 
 
@@ -110,7 +115,9 @@ class StreamScores:
     def of(cls, stream: JudgedStream, labels: Sequence[str]) -> "StreamScores":
         """The scores of one stream."""
         by_last = [replace(verdict, label=verdict.last) for verdict in stream.verdicts]
-        return cls(*(score(words, stream.recording, labels) for words in (stream.verdicts, by_last)))
+        first, last = (score(words, stream.recording, labels) for words in (stream.verdicts, by_last))
+        right = frames_right(stream.answers, stream.recording, labels)
+        return cls(replace(first, frames=len(stream.answers), frames_right=right), last)
 
     def plus(self, other: "StreamScores") -> "StreamScores":
         """The sum of both."""
@@ -173,6 +180,14 @@ def total_score(scores: Iterable[StreamScores]) -> StreamScores:
     for score in scores:
         total = total.plus(score)
     return total
+
+
+def frames_right(answers: Sequence[str], stream: Recording, labels: Sequence[str]) -> int:
+    """The number of frames whose answer is the movement that goes on; "" is right elsewhere."""
+    truth = np.full(len(stream.positions), "", np.object_)
+    for span in stream.spans:
+        truth[span.start : span.end] = span.label if span.label in labels else ""
+    return sum(answer == label for answer, label in zip(answers, truth.tolist(), strict=False))
 
 
 def spans_hit(verdicts: Sequence[StreamVerdict], stream: Recording) -> list[int | None]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.messages import PosteriorMessage
+from common.messages import JudgementMessage, PosteriorMessage
 from common.parallel import run_parts
 from common.vocabulary import Vocabulary
 from observer.motion.archive import MotionArchive, Recording
@@ -65,7 +65,7 @@ def _judged(
 ) -> list[JudgedStream]:
     """One stream, judged by each fusion service."""
     observed = observed_stream(*part, vocabulary)
-    return [JudgedStream(observed.recording, verdicts_in(observed, config)) for config in configs]
+    return [judged_stream(observed, config) for config in configs]
 
 
 def observed_stream(recording: Recording, courses: Sequence[OutputCourse], vocabulary: Vocabulary) -> ObservedStream:
@@ -99,18 +99,28 @@ def posterior_at(course: OutputCourse, frame: int) -> Posterior:
     )
 
 
-def verdicts_in(stream: ObservedStream, config: FusionConfig) -> list[StreamVerdict]:
-    """The verdicts of the fusion engine on a stream; its clock is the capture time."""
+def judged_stream(stream: ObservedStream, config: FusionConfig) -> JudgedStream:
+    """The verdicts and the judgements of the fusion engine on a stream; its clock is the capture time."""
     engine = FusionEngine("stream", list(stream.messages[0]), stream.vocabulary, config)
     verdicts: dict[str, StreamVerdict] = {}
+    answers = []
     for messages in stream.messages:
         now_ns = max(message.captured_ns for message in messages.values())
-        for verdict in step(engine, messages, now_ns).verdicts:
+        output = step(engine, messages, now_ns)
+        answers.append(_answer(output.judgement))
+        for verdict in output.verdicts:
             decided_s, began_s = (_seconds(at_ns) for at_ns in (verdict.decided_ns, verdict.began_ns))
             ended_s = None if verdict.ended_ns is None else _seconds(verdict.ended_ns)
             first = verdicts.get(verdict.id, StreamVerdict(verdict.label, decided_s, verdict.label, began_s))
             verdicts[verdict.id] = replace(first, last=verdict.label, ended_s=ended_s)
-    return list(verdicts.values())
+    return JudgedStream(stream.recording, list(verdicts.values()), answers)
+
+
+def _answer(judgement: JudgementMessage) -> str:
+    """The movement that goes on, "" while the person rests or does something else more probably."""
+    unlearned = judgement.unlearned or 0.0
+    is_movement = judgement.movement is not None and max(judgement.p) * (1.0 - unlearned) > unlearned
+    return judgement.label if is_movement else ""
 
 
 def _seconds(at_ns: int) -> float:

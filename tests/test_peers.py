@@ -267,11 +267,12 @@ def test_the_table_has_every_classifier_and_the_differences():
 
 def test_the_table_of_streams_names_each_set_once():
     figures = {"f1": 0.5, "precision": 0.25, "recall": 1.0, "median_latency_s": 0.7, "false_alarms_per_minute": 1.5}
+    figures["frames_right"] = 0.875
     rows = [{"observers": "door", "judged_by": name, **figures} for name in ("ours, fused", "spotter")]
     rows[1]["median_latency_s"] = None
     lines = streams_as_markdown(rows).splitlines()
-    assert lines[2] == "| door | ours, fused | 0.500 | 0.250 | 1.000 | 0.70 s | 1.50 |"
-    assert lines[3] == "|  | spotter | 0.500 | 0.250 | 1.000 | - | 1.50 |"
+    assert lines[2] == "| door | ours, fused | 0.500 | 0.250 | 1.000 | 0.70 s | 1.50 | 0.875 |"
+    assert lines[3] == "|  | spotter | 0.500 | 0.250 | 1.000 | - | 1.50 | 0.875 |"
 
 
 def test_only_the_table_of_a_page_is_replaced():

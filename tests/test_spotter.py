@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.peers import spotter
 from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.spotter import spot_streams, verdicts_of
+from benchmarks.peers.spotter import answers_of, spot_streams, verdicts_of
 from benchmarks.peers.spotter_windows import (
     ELSEWHERE,
     JITTERED,
@@ -91,6 +91,11 @@ def test_a_verdict_needs_two_steps_and_rearms_after_a_pause():
         assert len(verdicts_of(again, RATE, LABELS, 0.5)) == count
     both = probabilities(high, high, (0.0, 0.8), (0.0, 0.8))
     assert [v.label for v in verdicts_of(both, RATE, LABELS, 0.5)] == ["ok", "shake"]
+
+
+def test_every_frame_has_the_answer_of_the_last_step():
+    spoken = answers_of(probabilities((0.9, 0.0), (0.1, 0.2), (0.0, 0.8)), 10, LABELS[:2])
+    assert spoken == ["ok"] * 4 + [""] * 4 + ["shake"] * 2
 
 
 def test_nobody_is_judged_by_what_they_taught_and_the_threshold_is_chosen_on_others(archive, monkeypatch):

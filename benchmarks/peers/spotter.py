@@ -18,7 +18,7 @@ from common.errors import BadInput
 from common.parallel import run_parts
 from observer.motion.archive import MotionArchive, Recording, subjects_in
 from studies.evaluate import EvaluationSettings, folds_of
-from studies.spotting import SpottingScore, StreamVerdict, score
+from studies.spotting import JudgedStream, SpottingScore, StreamScores, StreamVerdict
 
 DOUBT = 1e-4
 """Added to a view's probabilities before they are multiplied, so that none has a veto."""
@@ -97,11 +97,20 @@ def _multiplied(by_view: Sequence[Sequence[StreamProbabilities]]) -> list[Stream
 def score_of(
     streams: Sequence[tuple[Recording, StreamProbabilities]], labels: Sequence[str], threshold: float
 ) -> SpottingScore:
-    """The score of the verdicts on all streams."""
-    total = SpottingScore()
+    """The score of the verdicts and of the answers on all streams."""
+    total = StreamScores()
     for stream, probabilities in streams:
-        total = total.plus(score(verdicts_of(probabilities, stream.rate_hz, labels, threshold), stream, labels))
-    return total
+        verdicts = verdicts_of(probabilities, stream.rate_hz, labels, threshold)
+        answers = answers_of(probabilities, len(stream.positions), labels)
+        total = total.plus(StreamScores.of(JudgedStream(stream, verdicts, answers), labels))
+    return total.first
+
+
+def answers_of(probabilities: StreamProbabilities, frames: int, labels: Sequence[str]) -> list[str]:
+    """The most probable movement in each frame, by the mean of all windows of the last step; "" for something else."""
+    best = probabilities.p.mean(axis=1).argmax(axis=1)
+    steps = np.searchsorted(probabilities.frames, np.arange(frames), "right") - 1
+    return ["" if n < 0 or best[n] == len(labels) else labels[best[n]] for n in steps.tolist()]
 
 
 def verdicts_of(

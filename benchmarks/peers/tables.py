@@ -130,7 +130,10 @@ def as_json(rows: Sequence[PeerRow], fractions: Sequence[float]) -> list[dict[st
 
 def streams_as_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
     """Scores by the first word; false verdicts a minute are those outside all movements."""
-    head = ["observers", "judged by", "F1", "precision", "recall", "median latency", "false a minute of other motion"]
+    head = [
+        *("observers", "judged by", "F1", "precision", "recall", "median latency", "false a minute of other motion"),
+        "frames right",
+    ]
     before = ["", *(row["observers"] for row in rows)]
     cells = [
         [
@@ -139,6 +142,7 @@ def streams_as_markdown(rows: Sequence[Mapping[str, Any]]) -> str:
             *(f"{row[name]:.3f}" for name in ("f1", "precision", "recall")),
             "-" if row["median_latency_s"] is None else f"{row['median_latency_s']:.2f} s",
             f"{row['false_alarms_per_minute']:.2f}",
+            f"{row['frames_right']:.3f}",
         ]
         for row, last in zip(rows, before, strict=False)
     ]

@@ -14,7 +14,7 @@ from observer.motion.projected import ProjectedTracker, view_of
 from observer.runtime.pipeline import Observer
 from studies.observing import watch
 from studies.spotting import StreamVerdict
-from studies.stream import observed_stream, verdicts_in
+from studies.stream import judged_stream, observed_stream
 
 Cameras = Mapping[str, MotionArchive]
 """Name of each camera -> its tracks; the same performances have the same label, subject and trial."""
@@ -57,7 +57,8 @@ def verdicts_on(
     first = next(iter(streams.values()))
     vocabulary = next(iter(models.values())).header.vocabulary
     whole = replace(first, positions=np.empty((longest, 1, 2), np.float32))
-    return verdicts_in(observed_stream(whole, courses, vocabulary), FusionConfig(quorum=default_quorum(len(streams))))
+    fusion = FusionConfig(quorum=default_quorum(len(streams)))
+    return list(judged_stream(observed_stream(whole, courses, vocabulary), fusion).verdicts)
 
 
 def names_in(verdicts: Sequence[StreamVerdict]) -> list[str]:

@@ -10,7 +10,7 @@ import typer
 from common.config_sections import FusionConfig
 from common.errors import BadInput
 from observer.geometry.views import parse_view
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import evaluate as evaluate_command
 from studies.evaluate import EvaluationSettings, evaluate, results_of
@@ -87,6 +87,11 @@ def test_counts_of_other_motion_by_hand():
         words = [StreamVerdict(first, 10.0 * n, last) for n, (first, last) in enumerate(labels)]
         return JudgedStream(recording, words)
 
+    spans = (Span(2, 5, "ok"), Span(6, 8, "shake"))
+    moving = replace(stream("a").recording, positions=np.zeros((10, 3, 3), np.float32), spans=spans)
+    spoken = JudgedStream(moving, [], ["", "", "", "ok", "ok", "ok", "", "shake", "", ""])
+    # Wrong in frames 2, 5 and 7; shake was not learned.
+    assert StreamResult(("ok",), (spoken,), (), {}).as_json()["frames_right"] == 0.7
     talker = stream("a", ("ok", "ok"), ("ok", "abstain"), ("abstain", "abstain"))
     result = StreamResult(("ok",), (), (talker, stream("b")), {})
     figures = result.as_json()["other_motion"]
