@@ -1,8 +1,6 @@
-"""Multinomial logistic regression with an L2 penalty: learned by L-BFGS, in NumPy. Pure.
+"""Multinomial logistic regression with an L2 penalty, learned by SciPy's L-BFGS. Pure."""
 
-Nocedal and Wright, "Numerical Optimization", 2nd edition, algorithms 7.4 and 3.1.
-"""
-
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
@@ -12,8 +10,7 @@ from numpy.typing import NDArray
 
 from observer.tracks import Floats32
 
-MEMORY = 6
-"""Pairs of steps and gradient differences that L-BFGS keeps."""
+Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
 LEAST_DECREASE = 2e-5
 """Relative decrease of the loss below which learning stops."""
 ITERATIONS, FEW_ITERATIONS = 30, 20
@@ -99,44 +96,16 @@ class _Loss:
 
 
 def _minimise(loss: _Loss, iterations: int) -> Floats32:
-    w = np.zeros((loss.x.shape[1], loss.targets.shape[1]), np.float32)
-    value, gradient = loss(w)
-    pairs: list[tuple[Floats32, Floats32]] = []
-    for _ in range(iterations):
-        direction = _direction(gradient, pairs)
-        step, slope = 1.0, -float((gradient * direction).sum())
-        new, new_value, new_gradient = w, value, gradient
-        for _ in range(10):
-            new = w - np.float32(step) * direction
-            new_value, new_gradient = loss(new)
-            if new_value <= value + 1e-4 * step * slope:
-                break
-            step /= 2
-        decrease = value - new_value
-        if decrease <= 0:
-            break
-        difference = (new - w, new_gradient - gradient)
-        if float((difference[0] * difference[1]).sum()) > 1e-12:
-            pairs = [*pairs[1 - MEMORY :], difference]
-        w, value, gradient = new, new_value, new_gradient
-        if decrease < LEAST_DECREASE * max(abs(value), 1.0):
-            break
-    return w
+    # Loaded here: a model that only watches needs no SciPy.
+    from scipy.optimize import minimize
 
+    shape = (loss.x.shape[1], loss.targets.shape[1])
 
-def _direction(gradient: Floats32, pairs: list[tuple[Floats32, Floats32]]) -> Floats32:
-    """The two-loop recursion; without pairs a short step along the gradient."""
-    if not pairs:
-        return gradient / np.float32(max(50.0 * float(np.abs(gradient).max()), 1e-9))
-    q = gradient.copy()
-    steps = []
-    for s, y in reversed(pairs):
-        rho = 1.0 / float((s * y).sum())
-        alpha = rho * float((s * q).sum())
-        q -= np.float32(alpha) * y
-        steps.append((rho, alpha))
-    s, y = pairs[-1]
-    q *= np.float32(float((s * y).sum()) / float((y * y).sum()))
-    for (s, y), (rho, alpha) in zip(pairs, reversed(steps), strict=True):
-        q += np.float32(alpha - rho * float((y * q).sum())) * s
-    return q
+    def flat(w: Vector) -> tuple[float, Vector]:
+        value, gradient = loss(w.reshape(shape).astype(np.float32))
+        return value, gradient.ravel().astype(np.float64)
+
+    start = np.zeros(math.prod(shape))
+    result = minimize(flat, start, jac=True, method="L-BFGS-B", options={"maxiter": iterations, "ftol": LEAST_DECREASE})
+    solution: Floats32 = result.x.reshape(shape).astype(np.float32)
+    return solution

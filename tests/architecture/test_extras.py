@@ -18,6 +18,7 @@ PROVIDED_BY = {"sse_starlette": "sse-starlette", "prometheus_client": "prometheu
 """Import names that differ from the distribution's name."""
 ON_REQUEST = {
     ("hub.dashboard.commands", "common.capture_file"): "dashboard --capture",
+    ("observer.model.logistic", "scipy.optimize"): "learn",
     ("observer.motion.importers.florence3d", "scipy.io"): "import florence3d",
     ("studies.run_evaluation", "observer.rendering.scenery"): "evaluate --through",
     ("studies.run_evaluation", "studies.from_pixels"): "evaluate --through",

@@ -36,7 +36,8 @@ STUB_BROKER = '[hub.mqtt]\nhost = "127.0.0.1"\nport = 9\n'
 class Job:
     """The smallest job of a verb. line: what its output must hold; ended: send SIGTERM then.
 
-    needs: the extra without which the job ends with one line that names it. status: of the job where it has all.
+    needs: the extras, which commas separate, without which the job ends with one line that names one. status: of the
+    job where it has all.
     """
 
     name: str
@@ -77,12 +78,17 @@ JOBS = (
         "nobody was seen",
     ),
     Job("place", "place seen.toml --seconds 0.3", "observer", 2, "labanmesh look shows"),
-    Job("learn", "learn known.npz --view yaw:30 -o new.model", line="new.model: stacked"),
+    Job("learn", "learn known.npz --view yaw:30 -o new.model", "observer", line="new.model: stacked"),
     Job("forget", "forget room.toml --all --yes", status=1, line="labanmesh up room.toml"),
-    Job("forget model", "forget sofa.model --labels ok -o less.model", line="less.model"),
+    Job("forget model", "forget sofa.model --labels ok -o less.model", "observer", line="less.model"),
     Job("paper", "paper known.npz", line="Door and Wheel"),
-    Job("evaluate", "evaluate known.npz --views yaw:30 --jobs 1", line="accuracy"),
-    Job("evaluate --report", "evaluate known.npz --views yaw:30 --jobs 1 --report report", "report", line="written"),
+    Job("evaluate", "evaluate known.npz --views yaw:30 --jobs 1", "observer", line="accuracy"),
+    Job(
+        "evaluate --report",
+        "evaluate known.npz --views yaw:30 --jobs 1 --report report",
+        "observer,report",
+        line="written",
+    ),
     Job("evaluate pixels", "evaluate known.npz --views yaw:30 --through pixels", "observer", line="from pixels"),
     Job("effort", "effort effort.npz --views door", line="accuracy"),
 )
