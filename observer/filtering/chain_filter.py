@@ -4,6 +4,7 @@ It computes the same as `phase_filter.py:PhaseFilter`, its oracle in the tests, 
 and phases that no mass can have reached yet.
 """
 
+import math
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +15,7 @@ from observer.tracks import Floats, Floats32, Integers
 
 NEGLIGIBLE = 1e-8
 """Share of all mass: a chain with less is skipped until the person rests again, and less mass enters no chain."""
+LEAST = np.float32(math.exp(FLOOR))
 CROWDED = 0.75
 """Chains are dropped when fewer than this share of the live ones still count: copying the others costs time too."""
 
@@ -171,10 +173,10 @@ class ChainFilter:
         predicted = self._movement_mass()
         likelihood, log_scale = evidence.chains(self._live, len(self._active))
         log_after = evidence.after.ravel()
-        top = max(log_scale, evidence.rest, float(log_after.max()))
-        likelihood *= np.float32(np.exp(max(log_scale - top, FLOOR)))
-        self._active *= np.maximum(likelihood, np.float32(np.exp(FLOOR)), out=likelihood)
-        self._before *= float(np.exp(max(evidence.rest - top, FLOOR)))
+        top = max(log_scale, evidence.rest, log_after.max())
+        likelihood *= np.float32(math.exp(max(log_scale - top, FLOOR)))
+        self._active *= np.maximum(likelihood, LEAST, out=likelihood)
+        self._before *= math.exp(max(evidence.rest - top, FLOOR))
         of_rest = np.exp(np.maximum(log_after - top, FLOOR))
         self._after *= of_rest
         self._past *= of_rest
@@ -199,7 +201,7 @@ class ChainFilter:
         width = max(int(rows[-1]) + 1 if len(rows) else 0, len(self._entering))
         self._active = self._active[:width]
         # Arithmetic with numbers near 1e-38 is slow.
-        self._active[self._active < np.float32(1e-30)] = 0.0
+        self._active *= self._active >= np.float32(1e-30)
         counts = self._active.sum(axis=0) > self._negligible / len(self._cell_of)
         if counts.sum() < CROWDED * len(counts) and self.rest < 0.5:
             self._live = np.flatnonzero(counts) if self._live is None else self._live[counts]

@@ -5,6 +5,8 @@
 over the features that are seen (docs/design/model.md).
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -122,57 +124,64 @@ class LivePostures:
         return self._selected
 
 
+class RestPostures:
+    """The postures in which chains begin and end, without motion: those of people who rest before and after a movement.
+
+    first, last: (C, D). cell_of: (C,) movement * K + facing of each chain; shape: M, K.
+    """
+
+    def __init__(self, first: Floats, last: Floats, cell_of: Integers, shape: tuple[int, int]) -> None:
+        self._postures, self._shape = Postures(np.concatenate([first, last]).T[None]), shape
+        cells, facings = shape[0] * shape[1], shape[1]
+        chains, facing_of = np.arange(len(cell_of)), cell_of % facings
+        # Rows of weights: the mean over the last postures of each cell, then over all postures of each facing.
+        self._means = np.zeros((cells + facings, 2 * len(chains)), np.float32)
+        self._means[cell_of, len(chains) + chains] = 1 / np.bincount(cell_of)[cell_of]
+        self._means[cells + facing_of, chains] = 0.5 / np.bincount(facing_of)[facing_of]
+        self._means[cells:, len(chains) :] = self._means[cells:, : len(chains)]
+
+    def log_likelihoods(self, features: Floats, sharpness: float) -> tuple[float, Floats]:
+        """(D,) features -> the two logarithms of `PostureEvidence`, rest and after."""
+        likelihood = self._postures.squared_distances(features, 1)[0]
+        likelihood *= np.float32(-sharpness)
+        np.exp(likelihood, out=likelihood)
+        means = (self._means @ likelihood).astype(np.float64)
+        np.maximum(means, LEAST, out=means)
+        # A person at rest faces one way; a mean over all facings would rule rest out.
+        own, of_facing = means[: -self._shape[1]].reshape(self._shape), means[-self._shape[1] :]
+        return math.log(of_facing.max()), np.log(np.maximum(own, of_facing))
+
+
+LEAST = math.exp(FLOOR)
+
+
 class PostureEvidence:
     """The likelihood of one frame's features for every chain, phase and rest (`chain_filter.Evidence`).
 
-    ends: the postures (1, D, C) in which the chains begin and end, without motion, the chains' cells (C,), which are
-    movement * K + facing, and (M, K). outlier: the largest evidence in nats against a posture compared with the nearest
-    one, so that one error of a tracker or one odd movement of a hand does not decide alone.
+    outlier: the largest evidence in nats against a posture compared with the nearest one, so that one error of a
+    tracker or one odd movement of a hand does not decide alone.
+    rest: log of the mean likelihood over the postures at rest of one facing, for the facing where it is largest.
+    after: (M, K) log of the mean likelihood over the movement's last postures, at least that of rest at the facing.
     """
 
     def __init__(
         self,
         live_postures: LivePostures,
-        ends: tuple[Postures, Postures, Integers, tuple[int, int]],
+        at_rest: RestPostures,
         features: Floats,
         sharpness: float,
         outlier: float,
     ) -> None:
         self._live_postures, self._features = live_postures, features
-        self._sharpness, self._outlier = np.float32(sharpness), np.float32(outlier)
-        first, last, cell_of, (movements, facings) = ends
-        begin, end = (self._likelihood(postures) for postures in (first, last))
-        count = np.maximum(np.bincount(cell_of, minlength=movements * facings), 1)
-        own = (np.bincount(cell_of, end, len(count)) / count).reshape(movements, facings)
-        # A person at rest faces one way; a mean over all facings would rule rest out.
-        facing_of = cell_of % facings
-        twice = 2 * np.maximum(np.bincount(facing_of, minlength=facings), 1)
-        of_facing = np.bincount(facing_of, begin + end, facings) / twice
-        self._rest = float(of_facing.max())
-        self._after = np.maximum(own, of_facing)
+        self._sharpness, self._least = sharpness, np.float32(math.exp(-outlier))
+        self.rest, self.after = at_rest.log_likelihoods(features, sharpness)
 
     def chains(self, live: Integers | None, phases: int) -> tuple[Floats32, float]:
         """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of its own."""
         likelihood = self._live_postures.of(live).squared_distances(self._features, phases)
         nearest = likelihood.min()
         likelihood -= nearest
-        likelihood *= -self._sharpness
+        likelihood *= np.float32(-self._sharpness)
         np.exp(likelihood, out=likelihood)
-        likelihood += np.exp(-self._outlier)
-        return likelihood, float(-self._sharpness * nearest)
-
-    @property
-    def rest(self) -> float:
-        """Log of the mean likelihood over the postures at rest of one facing, for the facing where it is largest."""
-        return float(np.log(max(self._rest, np.exp(FLOOR))))
-
-    @property
-    def after(self) -> Floats:
-        """(M, K) log of the mean likelihood over the movement's last postures, at least that of rest at the facing."""
-        after: Floats = np.log(np.maximum(self._after, np.exp(FLOOR)))
-        return after
-
-    def _likelihood(self, postures: Postures) -> Floats:
-        distances = postures.squared_distances(self._features, 1)[0]
-        likelihood: Floats = np.exp(np.maximum(-self._sharpness * distances, np.float32(FLOOR))).astype(np.float64)
-        return likelihood
+        likelihood += self._least
+        return likelihood, -self._sharpness * float(nearest)

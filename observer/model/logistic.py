@@ -54,8 +54,7 @@ class LogisticRegression:
     def log_probabilities(self, features: Floats32) -> Floats32:
         """(..., D) -> (..., K) natural logarithms."""
         scores: Floats32 = features @ self.weights + self.intercepts
-        scores -= scores.max(axis=-1, keepdims=True)
-        scores -= np.log(np.exp(scores).sum(axis=-1, keepdims=True))
+        scores -= np.logaddexp.reduce(scores, axis=-1, keepdims=True)
         return scores
 
     def as_arrays(self, name: str) -> dict[str, NDArray[np.generic]]:

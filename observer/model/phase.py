@@ -18,6 +18,7 @@ from observer.model.chains import (
     LivePostures,
     PostureEvidence,
     Postures,
+    RestPostures,
     blend_pairs,
     complete_chains,
     fill_gaps,
@@ -69,8 +70,8 @@ class Phase:
             self._cell_of = np.concatenate([self._cell_of, movements * facings + facing_of[one]])
         self._postures = Postures(chains.transpose(1, 2, 0))
         # A person at rest stands as people stood before and after their movements, without moving.
-        self._first = Postures(without_motion(chains[:, 0]).astype(np.float32).T[None])
-        self._last = Postures(without_motion(chains[:, -1]).astype(np.float32).T[None])
+        first, last = without_motion(chains[:, 0]), without_motion(chains[:, -1])
+        self._at_rest = RestPostures(first, last, self._cell_of, (self.answers, facings))
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -155,10 +156,9 @@ class Phase:
     def evidence(self, features: Floats, live_postures: LivePostures) -> PostureEvidence:
         """(D,) features, NaN where not seen -> their likelihood for every chain, phase and rest."""
         parameters = self.header.parameters
-        ends = (self._first, self._last, self._cell_of, (self.answers, self.facings))
         # At twice the frame rate, the evidence of one frame is spread over two.
         sharpness, outlier = parameters["sharpness"] * self._share, parameters["outlier"] * self._share
-        return PostureEvidence(live_postures, ends, features, sharpness, outlier)
+        return PostureEvidence(live_postures, self._at_rest, features, sharpness, outlier)
 
 
 class PhaseWatch(Watch):

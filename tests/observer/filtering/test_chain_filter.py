@@ -15,7 +15,7 @@ from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.learn import learn_view
 from observer.model.chain_dynamics import ENTRY, STEPS
-from observer.model.chains import LivePostures, PostureEvidence, Postures
+from observer.model.chains import LivePostures, PostureEvidence, Postures, RestPostures
 from observer.motion.projected import view_tracks
 from studies.performer import perform
 
@@ -221,8 +221,8 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
     archive = perform(("1", "2"), labels, trials=2, seed=3)
     model = learn_view(archive, DOOR, Vocabulary(labels), parameters={"facings": 4.0}, calibrate=False)
     chains, cell_of = model.arrays()["chains"], model.arrays()["movement_of"] * 4 + model.arrays()["facing_of"]
-    postures, ends = Postures(chains.transpose(1, 2, 0)), [without_motion(chains[:, n]).T[None] for n in (0, -1)]
-    of_rest = (*map(Postures, ends), cell_of, (3, 4))
+    postures, ends = Postures(chains.transpose(1, 2, 0)), [without_motion(chains[:, n]) for n in (0, -1)]
+    at_rest = RestPostures(*ends, cell_of, (3, 4))
     dynamics = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), 0.05, 0.01)
     counts: dict[float, list[int]] = {0.0: [], 1e-8: []}
     for recording in perform(("3",), labels, seed=4).recordings:
@@ -232,7 +232,7 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
         for tracks in view_tracks(DOOR, recording, archive.body_parts, archive.body_parts):
             features = reader.update(tracks)
             for belief, own, cells in zip((exact, quick), chosen, counts.values(), strict=True):
-                belief.step(CountedEvidence(PostureEvidence(own, of_rest, features, 1.0, 5.0), cells))
+                belief.step(CountedEvidence(PostureEvidence(own, at_rest, features, 1.0, 5.0), cells))
             assert quick.posterior == pytest.approx(exact.posterior, abs=1e-3)
             assert quick.rest == pytest.approx(exact.rest, abs=1e-3)
     assert sum(counts[1e-8]) < 0.6 * sum(counts[0.0])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from observer.features import groups_of
 from observer.filtering.phase_filter import FLOOR
-from observer.model.chains import LivePostures, PostureEvidence, Postures
+from observer.model.chains import LivePostures, PostureEvidence, Postures, RestPostures
 
 PARTS, PHASES, CHAINS = 3, 4, 5
 GROUPS = groups_of(PARTS)
@@ -48,8 +48,8 @@ def test_distances_of_selected_chains(seed, missing, live):
 
 
 def evidence(features, postures, outlier=5.0, sharpness=1.0):
-    of_rest = (Postures(drawn(11, 1)), Postures(drawn(12, 1)), CELL_OF, (2, 2))
-    return PostureEvidence(LivePostures(Postures(postures)), of_rest, features, sharpness, outlier)
+    at_rest = RestPostures(drawn(11, 1)[0].T, drawn(12, 1)[0].T, CELL_OF, (2, 2))
+    return PostureEvidence(LivePostures(Postures(postures)), at_rest, features, sharpness, outlier)
 
 
 @some
