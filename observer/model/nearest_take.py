@@ -14,7 +14,7 @@ distance between the movement's own takes.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,6 +52,11 @@ class NearestTakes:
     lengths: NDArray[np.int64]
     movements: NDArray[np.int64]
     scales: Floats
+    squares: Floats32 = field(init=False)
+    """(K, G) squared lengths of the paths: |x - y|^2 = |x|^2 - 2 x.y + |y|^2, so that a frame costs one product."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "squares", np.einsum("kgp,kgp->kg", self.paths, self.paths))
 
     @classmethod
     def of(cls, examples: Sequence[Example], movements: int, scales: Floats | None = None) -> "NearestTakes | None":
@@ -115,12 +120,13 @@ class NearestTakeWatch:
         if self._begin is None:
             self._begin = row[-3:-1]
         path = row[:-3] + np.tile(row[-3:-1] - self._begin, (len(row) - 3) // 2)
-        difference = self._takes.paths - path
-        cost = np.sqrt(np.einsum("kgp,kgp->kg", difference, difference) / len(path), dtype=np.float64)
-        before = np.empty_like(cost)
-        before[:, 0] = 0.0 if self._frames == 0 else np.inf
-        before[:, 1:] = self._costs[:, :-1]
-        entered = np.minimum(self._costs + cost, before + 2 * cost)
+        squares = self._takes.paths @ (np.float32(-2) * path)
+        squares += self._takes.squares + path @ path
+        cost = np.sqrt(np.maximum(squares, 0.0) / np.float32(len(path)), dtype=np.float64)
+        entered = self._costs + cost
+        np.minimum(entered[:, 1:], self._costs[:, :-1] + 2 * cost[:, 1:], out=entered[:, 1:])
+        if not self._frames:
+            entered[:, 0] = 2 * cost[:, 0]
         # Within a row, D(j) = min over k <= j of entered(k) + cost(k + 1) + ... + cost(j): a running minimum.
         total = np.cumsum(cost, axis=1)
         self._costs = total + np.minimum.accumulate(entered - total, axis=1)
