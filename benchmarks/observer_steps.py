@@ -7,7 +7,6 @@ Floors of a model update: the numpy operations that no implementation of the mod
 shapes, written into existing memory:
 - phase: one float32 matrix-vector product over all chains x features, one exp, one multiplication of the state; with
   facings there are that many times more chains. It can be undercut: chains without weight are skipped.
-- phase-symbols: a sum over body parts of the table, one exp, one multiplication of the state (speeds included).
 - frame-table: the sum over body parts of one bin of the table, added to the log posterior.
 """
 
@@ -27,7 +26,6 @@ from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Arrays, MovementModel, Onset
 from observer.model.registry import MODELS
-from observer.model.symbol_tables import PhaseSymbols
 from observer.motion.archive import MotionArchive, labels_of, resample, subjects_in
 from observer.motion.importers import import_recordings
 from observer.motion.playback import RecordedMotion
@@ -214,23 +212,6 @@ def _phase_floor(arrays: Arrays) -> Work:
     return floor
 
 
-def _phase_symbols_floor(arrays: Arrays) -> Work:
-    table = np.asarray(arrays["log_table"], np.float64)
-    state = np.full((int(PhaseSymbols.PARAMETERS["speeds"].default), *table.shape[:2]), 1.0 / table[..., 0, 0].size)
-    parts, symbols, evidence, result = (
-        np.arange(table.shape[2]),
-        np.arange(table.shape[2]),
-        state[0].copy(),
-        state.copy(),
-    )
-
-    def floor() -> None:
-        np.exp(table[:, :, parts, symbols].sum(axis=2, out=evidence), out=evidence)
-        np.multiply(state, evidence, out=result)
-
-    return floor
-
-
 def _frame_table_floor(arrays: Arrays) -> Work:
     table = np.asarray(arrays["log_table"], np.float64)
     parts, symbols, belief = np.arange(table.shape[2]), np.arange(table.shape[2]), np.zeros(len(table))
@@ -241,7 +222,7 @@ def _frame_table_floor(arrays: Arrays) -> Work:
     return floor
 
 
-def _discriminative_floor(arrays: Arrays) -> Work:
+def _regressions_floor(arrays: Arrays) -> Work:
     """The products of the features with the regressions' weights; the features themselves cost more."""
     weights = [np.asarray(arrays[f"{name}_weights"], np.float32) for name in ("trailing_movement", "running", "ended")]
     features = [np.ones(len(one), np.float32) for one in weights]
@@ -255,7 +236,7 @@ def _discriminative_floor(arrays: Arrays) -> Work:
 
 
 def _stacked_floor(arrays: Arrays) -> Work:
-    members = _phase_floor(arrays), _discriminative_floor(arrays)
+    members = _phase_floor(arrays), _regressions_floor(arrays)
 
     def floor() -> None:
         for member in members:
@@ -266,8 +247,6 @@ def _stacked_floor(arrays: Arrays) -> Work:
 
 FLOORS: dict[str, Callable[[Arrays], Work]] = {
     "phase": _phase_floor,
-    "phase-symbols": _phase_symbols_floor,
     "frame-table": _frame_table_floor,
-    "discriminative": _discriminative_floor,
     "stacked": _stacked_floor,
 }

@@ -8,9 +8,7 @@ import typer
 
 Texts = list[str] | None
 LabelSets = Annotated[Texts, typer.Option(help="Movements separated by commas, or a set as AS1; repeat for more sets.")]
-BodyParts = Annotated[
-    str, typer.Option(help="Parts to use, separated by commas, or all; default: hands and head, if recorded.")
-]
+BodyParts = Annotated[str, typer.Option(help="Parts to use, separated by commas; default: all that are recorded.")]
 TrainSubjects = Annotated[str, typer.Option(help="People to learn from; default: every other one.")]
 TestSubjects = Annotated[str, typer.Option(help="People to judge; default: those not learned from.")]
 LeaveOneSubjectOut = Annotated[
@@ -52,9 +50,7 @@ class EvaluateOptions:
     train_subjects: TrainSubjects = ""
     test_subjects: TestSubjects = ""
     leave_one_subject_out: LeaveOneSubjectOut = False
-    model: Annotated[
-        str, typer.Option(help="stacked (default), phase, discriminative, phase-symbols or frame-table.")
-    ] = "stacked"
+    model: Annotated[str, typer.Option(help="stacked (default), phase or frame-table.")] = "stacked"
     rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product"
     parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")] = None
     turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0"

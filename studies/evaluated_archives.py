@@ -13,21 +13,17 @@ from observer.motion.archive import MotionArchive, Recording, common_rate, label
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.projected import require_same_camera, view_of
-from observer.tracks import BODY_PARTS
 from studies.sensors import performances, read_sensors, with_parts
 
 SCENERIES = ("plain", "cluttered", "skin_toned")
 """The other values of --background, for --through pixels."""
 ALL_PARTS = ("all",)
 """In place of the names of body parts: every part that the archives have."""
-DEFAULT_PARTS = BODY_PARTS
-"""The body parts of an evaluation that names none, where the archives have them; otherwise ALL_PARTS."""
 
 
 def chosen_parts(named: tuple[str, ...], recorded: tuple[str, ...]) -> tuple[str, ...]:
     """The body parts that an evaluation reads; named: the value of --body-parts, recorded: what all archives have."""
-    wanted = named or (DEFAULT_PARTS if set(DEFAULT_PARTS) <= set(recorded) else ALL_PARTS)
-    return recorded if wanted == ALL_PARTS else wanted
+    return named if named and named != ALL_PARTS else recorded
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,6 @@ from benchmarks.command_line import run_command
 from benchmarks.taught.__main__ import taught
 from benchmarks.taught.begins import and_back, seconds_until_still, watched
 from benchmarks.taught.few_takes import MOVEMENTS, RecordedRoom, draws, few, judge_draw, streams_of
-from benchmarks.taught.gestures import gestures
 from benchmarks.taught.judging import TaughtModels
 from benchmarks.taught.sensors import paired
 from hub.teaching.beginning import STANDS_S
@@ -65,12 +64,11 @@ def test_differences_between_two_ways_are_paired_over_the_performances():
     ("place", "line"),
     [(None, "LABANMESH_DATA is not set: name the folder"), ("/nowhere", "LABANMESH_DATA = '/nowhere': no such folder")],
 )
-@pytest.mark.parametrize(("command", "words"), [(taught, ["clips"]), (gestures, [])])
-def test_recordings_that_are_not_there_are_one_line(monkeypatch, capsys, command, words, place, line):
+def test_recordings_that_are_not_there_are_one_line(monkeypatch, capsys, place, line):
     if place is None:
         monkeypatch.delenv("LABANMESH_DATA", raising=False)
     else:
         monkeypatch.setenv("LABANMESH_DATA", place)
-    assert run_command(command, "taught", words) == 2
+    assert run_command(taught, "taught", ["clips"]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"taught: {line}") and err.count("\n") == 1

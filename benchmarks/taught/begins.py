@@ -53,7 +53,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Watched:
+class BeginWatch:
     """What one observer notices of a stream, `rate_hz` times a second: P(still), and claps that end."""
 
     rate_hz: float
@@ -66,7 +66,7 @@ class Watched:
         return len(self.still) / self.rate_hz
 
 
-def watched(centres: Floats, rate_hz: float, body_parts: Sequence[str]) -> Watched:
+def watched(centres: Floats, rate_hz: float, body_parts: Sequence[str]) -> BeginWatch:
     """Look at (F, P, 2) tracks as an observer does in a lesson."""
     parts = watched_parts(body_parts)
     rows = [list(body_parts).index(part) for part in parts]
@@ -77,10 +77,10 @@ def watched(centres: Floats, rate_hz: float, body_parts: Sequence[str]) -> Watch
         clapped.append(claps.update(at_ns, Tracks(places)))
         stream.update(at_ns, Tracks(places[rows]))
         still.append(stream.probability)
-    return Watched(rate_hz, np.array(still), np.array(clapped))
+    return BeginWatch(rate_hz, np.array(still), np.array(clapped))
 
 
-def seconds_until_still(observers: Sequence[Watched], begin_s: float) -> float:
+def seconds_until_still(observers: Sequence[BeginWatch], begin_s: float) -> float:
     """After so many seconds of waiting the sign is given; infinity: not until the stream ends."""
     sign = Still()
     for look in range(int((observers[0].seconds - begin_s) / LOOK_S)):
@@ -109,7 +109,7 @@ def judged(data: Path, kind: str) -> tuple[MotionArchive, list[Recording]]:
     return archive, [r for r in archive.recordings if r.subject not in CHOSEN_WITH[kind]]
 
 
-def seen(archive: MotionArchive, recording: Recording, views: Sequence[str]) -> list[Watched]:
+def seen(archive: MotionArchive, recording: Recording, views: Sequence[str]) -> list[BeginWatch]:
     """A recording as observers notice it."""
     result = []
     for view in views:
@@ -139,7 +139,7 @@ def rows(data: Path, tracks: Path) -> Iterator[str]:
         yield f"clap   {kind:13s} noticed {figures} of {len(claps)} from {', '.join(FRONT)}"
 
 
-def _false_still(kind: str, streams: Sequence[Sequence[Watched]]) -> Iterator[str]:
+def _false_still(kind: str, streams: Sequence[Sequence[BeginWatch]]) -> Iterator[str]:
     for count in range(1, len(SIDES) + 1):
         begun: Counter[float] = Counter()
         waits: Counter[float] = Counter()
@@ -174,7 +174,7 @@ def _missed_still(data: Path, tracks: Path) -> Iterator[str]:
             yield f"still  {kind:13s} {_missed([each[:count] for each in frozen])}"
 
 
-def _missed(streams: Sequence[Sequence[Watched]]) -> str:
+def _missed(streams: Sequence[Sequence[BeginWatch]]) -> str:
     waits = [seconds_until_still(observers, begin_s) for observers in streams for begin_s in (0.0, 2.0, 4.0)]
     missed, count = sum(wait > SOON_S for wait in waits), len(streams[0])
     return f"{count} camera{'s' * (count > 1)}: no sign within {SOON_S:g} s of standing still {missed} of {len(waits)}"

@@ -19,6 +19,7 @@ from observer.learning.descriptions import (
     describe_background,
     describe_camera,
     describe_evaluation,
+    describe_leaning,
     describe_placement,
     describe_vocabulary,
 )
@@ -173,6 +174,7 @@ def _learn_movements(part: _Part) -> str:
         f"{plural(len(header.provenance['subjects'].split(',')), 'person', 'people')}, "
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB",
         describe_evaluation(header),
+        *describe_leaning(header),
         *describe_placement(header, source.archive),
     ]
     lines += [describe_background(header)] if header.background is not None else []

@@ -17,7 +17,19 @@ def describe_evaluation(header: "Header") -> str:
     """How well the model did on examples that it had not learned, and its calibration."""
     tried, right = int(header.provenance.get("tried", "0")), int(header.provenance.get("right", "0"))
     result = f"right {100 * right / tried:.0f} %" if tried else "its accuracy is unknown"
-    return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}"
+    strange = header.provenance.get("strange_named")
+    named = "" if strange is None else f"; of movements that it does not know it names about {float(strange):.0%}"
+    return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}{named}"
+
+
+def describe_leaning(header: "Header") -> list[str]:
+    """Which regions of the body the movements lean on; no line for a model that does not know, and for one region."""
+    from observer.model.leaning import large_shares
+
+    rows = large_shares(header)
+    width = max(map(len, rows), default=0)
+    named = {label: ", ".join(f"{region} {share:.0%}" for region, share in row.items()) for label, row in rows.items()}
+    return [f"  {label:{width}}  leans on {regions}" for label, regions in named.items() if regions]
 
 
 def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
@@ -86,18 +98,17 @@ def describe_vocabulary(header: "Header") -> str:
 
 
 def _calibration(header: "Header") -> str:
-    from observer.model.few_takes import CALIBRATION
     from observer.model.posterior_calibration import CAUTIOUS
 
     calibration = header.calibration
-    if calibration == CALIBRATION:
-        return "as cautious as few takes need: other people may do it otherwise"
+    if calibration.learned_only:
+        return "and weighed by that"
     # A `phase` model that knows "something else" has no predictive statistics, however well it was evaluated.
     cautious = (
         calibration.temperature >= CAUTIOUS.temperature
         and calibration.doubt >= CAUTIOUS.doubt
         and not calibration.likelihood_statistics
-        and (header.background is None or calibration.learned_only)
+        and header.background is None
     )
     reason = ", cautiously: other people may do it otherwise" if cautious else ""
     return f"temperature {calibration.temperature:.1f}, doubt {calibration.doubt:.2g}{reason}"

@@ -17,14 +17,13 @@ from observer.geometry.placement import PersonPlacement, unlike
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView
 from observer.learning.folds import folds_by_person, folds_by_recording
-from observer.learning.learn import GIVEN, evaluate_example, right_count, with_calibration
+from observer.learning.learn import evaluate_example, right_count, with_calibration
 from observer.model.base import (
     Example,
     Header,
     LearnsStreams,
     MovementModel,
     WithBackground,
-    with_defaults,
     with_features,
 )
 from observer.model.body_trace import tracks_of
@@ -172,22 +171,18 @@ def _remembers_all(model: MovementModel) -> bool:
 
 
 def calibrated_anew(model: MovementModel) -> MovementModel:
-    """A model that `Remembers` with the calibration and the learned parameters that its examples give.
+    """A model that `Remembers` with the calibration that its examples give.
 
-    Those of the model before it was edited may not hold: with other people, more takes or more movements it judges in
-    another way (`observer.model.few_takes`).
+    Those of the model before it was edited may not hold: with other people, more takes or more movements other weights
+    are right (`observer.model.stacker`).
     """
     if not isinstance(model, Remembers):
         return model
     kind, header = type(model), model.header
-    given = header.provenance.get(GIVEN)
-    explicit = {name: header.parameters[name] for name in filter(None, (given or "").split(","))}
-    if given is not None:
-        header = with_defaults(replace(header, parameters=explicit), kind.PARAMETERS)
     examples = [replace(e, tracks=tracks_of(trace_in(e)), features=None) for e in model.memory.examples]
     streams = [replace(s, tracks=tracks_of(trace_in(s)), features=None) for s in model.memory.streams]
     examples, streams = with_features(kind, header, examples), with_features(kind, header, streams)
-    return with_calibration(kind, kind.from_arrays(header, model.arrays()), examples, streams, explicit)
+    return with_calibration(kind, model, examples, streams)
 
 
 def _without_background(model: MovementModel, labels: Sequence[str]) -> MovementModel:

@@ -6,7 +6,7 @@ posteriors.
 
 import json
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -99,7 +99,7 @@ def learn_view(
         header = replace(header, background=labels, provenance={**origin, **_other_motion(watched, rate_hz)})
     examples, watched = with_features(model, header, examples), with_features(model, header, watched)
     learned = learned_from(model, header, examples, watched)
-    return with_calibration(model, learned, examples, watched, parameters or {}) if calibrate else learned
+    return with_calibration(model, learned, examples, watched) if calibrate else learned
 
 
 def _placed(
@@ -149,8 +149,6 @@ def _background_labels(
     return labels
 
 
-GIVEN = "given"
-"""In the provenance the parameters that were given, which are never learned; separated by commas."""
 MOST_EVALUATED = 240
 """Examples that are evaluated; more hardly change the few numbers that are fitted."""
 
@@ -160,30 +158,28 @@ def with_calibration(
     model: MovementModel,
     examples: Sequence[Example],
     streams: Sequence[Stream] = (),
-    explicit: Collection[str] = (),
 ) -> MovementModel:
     """The same model with its calibration, estimated by leaving out one person at a time.
 
-    A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and may also
-    learn parameters so, except `explicit` ones.
+    A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and also learns
+    from the results.
 
     If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
     nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
     provenance count the evaluated examples.
     """
-    others = _cross_validate(kind, model.header, examples, streams, explicit)
+    others = _cross_validate(kind, model, examples, streams)
     calibration = others.calibration
     if calibration is None:
         calibration = fit_calibration(others.results, model.header.vocabulary.size)
-        if issubclass(kind, LearnsStreams):
-            calibration = replace(calibration, learned_only=True, likelihood_statistics=())
         if folds_by_person(examples) is None:
             calibration = at_least_cautious(calibration)
-    counts = {GIVEN: ",".join(explicit), "tried": str(len(others.results)), "right": str(right_count(others.results))}
+    counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
+    if others.strange_named is not None:
+        counts["strange_named"] = f"{others.strange_named:.2f}"
     counts["held_out"] = json.dumps(judged_as(others.results, model.header.vocabulary))
     header = replace(
         model.header,
-        parameters={**model.header.parameters, **others.parameters},
         calibration=calibration,
         provenance={**model.header.provenance, **counts},
     )
@@ -191,7 +187,7 @@ def with_calibration(
     return kind.from_arrays(header, arrays)
 
 
-MOST_WATCHED = 120
+MOST_WATCHED = 60
 """The same for a kind that evaluates a whole fold at once."""
 
 
@@ -230,25 +226,25 @@ def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
 
 def _cross_validate(
     kind: type[MovementModel],
-    header: Header,
+    model: MovementModel,
     examples: Sequence[Example],
     streams: Sequence[Stream],
-    explicit: Collection[str],
 ) -> LearnedFromOthers:
     """The results of held-out examples, and what was learned from them."""
+    header = model.header
     front = [e for e in examples if e.facing == 0]
     folds = folds_by_person(front) or folds_by_recording(front)
-    if isinstance(kind, CrossValidates):
+    if isinstance(model, CrossValidates):
         share = MOST_WATCHED / len(examples)
         watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
         folds = at_all_facings(examples, fewer_folds(front, folds))
-        return kind.cross_validated(header, CrossValidation(examples, streams, folds, watched, CALIBRATED_AT, explicit))
+        return model.cross_validated(CrossValidation(examples, streams, folds, watched, CALIBRATED_AT))
     # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
     streams = [s for s in streams if s.facing == 0]
     if "facings" in header.parameters:
         header = replace(header, parameters={**header.parameters, "facings": 1.0})
     results = [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
-    return LearnedFromOthers({}, results)
+    return LearnedFromOthers(results)
 
 
 def _evaluate_fold(

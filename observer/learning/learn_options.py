@@ -53,9 +53,7 @@ class LearnOptions:
             "seen from the door; may be repeated: one model each, with the same movements."
         ),
     ] = None
-    model: Annotated[
-        str, typer.Option(help="stacked (default), phase, discriminative, phase-symbols or frame-table.")
-    ] = ""
+    model: Annotated[str, typer.Option(help="stacked (default), phase or frame-table.")] = ""
     labels: Annotated[
         str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")
     ] = ""
@@ -65,7 +63,7 @@ class LearnOptions:
     body_parts: Annotated[
         str,
         typer.Option(
-            help="The parts to learn from (default: all of the archive); auto: hands, head, and feet that move."
+            help="The parts to learn from (default: all of the archive); auto: those that all movements show."
         ),
     ] = ""
     rate: Annotated[

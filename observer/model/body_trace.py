@@ -21,9 +21,12 @@ LONGEST_BRIDGE_S = 0.3
 
 
 class BodyTrace:
-    """Turns a stream of tracks into the rows of a trace; body_parts: names of the P parts."""
+    """Turns a stream of tracks into the rows of a trace; body_parts: names of the P parts.
 
-    def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
+    usual: (2 P,) where the parts are usually, relative to the body: a part that was never seen counts as there.
+    """
+
+    def __init__(self, body_parts: Sequence[str], rate_hz: float, usual: Floats32 | None = None) -> None:
         self.frame = BodyFrame(body_parts, rate_hz)
         self._limit = FASTEST_PER_S / rate_hz
         self._bridge = LONGEST_BRIDGE_S * rate_hz
@@ -31,7 +34,7 @@ class BodyTrace:
         # The last point is the body's anchor.
         self._last: Floats = np.full((parts + 1, 2), np.nan)
         self._unseen: Integers = np.zeros(parts + 1, np.int64)
-        self._relative: Floats = np.zeros((parts, 2))
+        self._relative: Floats = np.zeros((parts, 2)) if usual is None else usual.reshape(parts, 2).astype(np.float64)
         self._path: Floats = np.zeros(2)
         self._size = 1.0
 

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -17,8 +17,8 @@ class CrossValidation:
     """The examples, and how to evaluate them.
 
     folds: indices of the examples that are left out together; a recording is left out at all its facings. watched: the
-    indices of those that are evaluated where that takes long. explicit: names of the parameters that the user has set,
-    which stay as they are. shares: of a movement, after which it is evaluated; the last is 1.0, where it has ended.
+    indices of those that are evaluated where that takes long. shares: of a movement, after which it is evaluated; the
+    last is 1.0, where it has ended. watched_s: at most so many seconds of streams are watched.
     """
 
     examples: Sequence[Example]
@@ -26,40 +26,29 @@ class CrossValidation:
     folds: Sequence[Sequence[int]]
     watched: Collection[int]
     shares: tuple[float, ...]
-    explicit: Collection[str] = ()
-
-    @property
-    def across_people(self) -> bool:
-        """Whether the people of a fold perform no other examples: only then do results tell about other people."""
-        subjects = [example.subject for example in self.examples]
-        folds = [set(fold) for fold in self.folds]
-        return all(
-            {subjects[n] for n in fold}.isdisjoint(s for n, s in enumerate(subjects) if n not in fold) for fold in folds
-        )
+    watched_s: float = 300.0
 
 
 @dataclass(frozen=True, slots=True)
 class LearnedFromOthers:
-    """The outcome of a cross-validation: parameters and arrays by name, and the held-out results with these.
+    """The outcome of a cross-validation: the held-out results, and the arrays by name with which they come about.
 
-    calibration: the model's, where the kind of model determines it; None: it is fitted to the results.
+    calibration: the model's, where the kind of model determines it; None: it is fitted to the results. strange_named:
+    the share of movements that the model does not know which it would name; None if unknown.
     """
 
-    parameters: Mapping[str, float]
     results: list[HeldOutResult]
     arrays: Arrays = field(default_factory=dict)
     calibration: PosteriorCalibration | None = None
+    strange_named: float | None = None
 
 
 @runtime_checkable
 class CrossValidates(Protocol):
-    """The additional method of a kind of model that evaluates all examples of a fold at once.
+    """The additional method of a model that evaluates all examples of a fold at once, and learns from that."""
 
-    It may also learn parameters for which examples of people left out are needed.
-    """
-
-    def cross_validated(self, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
-        """A classmethod: evaluate the examples of each fold with a model of all others."""
+    def cross_validated(self, cross_validation: CrossValidation) -> LearnedFromOthers:
+        """Evaluate the examples of each fold with a model of all others."""
 
 
 def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:

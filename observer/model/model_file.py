@@ -7,6 +7,7 @@ certainty, placement); all other arrays are the model's own.
 import json
 import math
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
 from observer.geometry.placement import PersonPlacement, placement_of, unlike
-from observer.geometry.views import View, is_this_camera
+from observer.geometry.views import THIS_CAMERA, View, is_this_camera
 from observer.model.base import Header, MovementModel
 from observer.model.parameters import check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
@@ -45,25 +46,47 @@ def read_model(path: Path) -> MovementModel:
         raise BadInput(f"{path}: not a model file ({error}); make one with labanmesh learn") from None
     if "header" not in arrays:
         raise BadInput(f"{path}: not a model file: it has no 'header', as labanmesh learn writes it")
+    header = str(arrays["header"])
     try:
         return _model_from(path, arrays)
     except BadInput as error:
         line = str(error)
         raise BadInput(line[:LINE_LIMIT] if line.startswith(str(path)) else f"{path}: {line}; learn it again") from None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
+    except KeyError as error:
+        line = f"{path}: of another version of labanmesh, or damaged: it lacks {error}; {_learn_again(path, header)}"
+        raise BadInput(line[:LINE_LIMIT]) from None
+    except (TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise BadInput(f"{path}: damaged model file ({detail}); learn it again") from None
 
 
+def _learn_again(path: Path, header: str) -> str:
+    """The way out: the command that learns the model, where its header says from what."""
+    with suppress(ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        document = json.loads(header)
+        view, archive = str(document["view"]), str(document["provenance"]["archive"])
+        seen_from = "" if view.partition(":")[0] == THIS_CAMERA else f" --view {view}"
+        command = f"labanmesh learn {archive}{seen_from} -o {path}"
+        if command.isprintable():
+            return f"learn it again: {command}"
+    return "learn it again"
+
+
 def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
-    document = json.loads(str(arrays.pop("header")))
+    text = str(arrays.pop("header"))
+    document = json.loads(text)
     if document["format"] != FORMAT:
         raise BadInput(f"{path}: model format {document['format']}, this labanmesh reads {FORMAT}: learn it again")
     if document["kind"] not in MODELS:
-        raise BadInput(f"{path}: model kind {document['kind']!r} is unknown; known: {', '.join(MODELS)}")
+        known = ", ".join(MODELS)
+        raise BadInput(
+            f"{path}: model kind {document['kind']!r} is unknown; known: {known}; {_learn_again(path, text)}"
+        )
     kind, header = MODELS[document["kind"]], _header_from(document)
     earlier = {name: p.earlier for name, p in kind.PARAMETERS.items() if p.earlier is not None}
-    header = replace(header, parameters={**earlier, **header.parameters})
+    # Parameters that only earlier versions had are left out.
+    own = {name: value for name, value in header.parameters.items() if name in kind.PARAMETERS}
+    header = replace(header, parameters={**earlier, **own})
     missing = [name for name in kind.PARAMETERS if name not in header.parameters]
     if missing:
         raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")

@@ -12,33 +12,26 @@ d: root mean square of the 2 P differences of two frames, body sizes. A *relativ
 distance between the movement's own takes.
 """
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Arrays, Example, Header
+from observer.model.base import Example
 from observer.model.body_trace import relative_and_path
-from observer.model.parameters import Parameter, ParameterRange
+from observer.model.even_spread import evenly_spread
 from observer.tracks import Floats, Floats32
 
-WEIGHT = "nearest_weight"
-NEAREST: Mapping[str, Parameter] = {WEIGHT: Parameter(2.0, ParameterRange(0.0, 20.0), earlier=0.0)}
-"""Nats for each unit of relative distance above USUAL_DISTANCE."""
-SCALES = "take_scales"
-"""Name of the scales in a model file."""
 MOST_TAKES = 60
-"""With more takes the regressions know enough, and comparing with all would take too long."""
-USUAL_DISTANCE = 1.2
-"""Relative distance from which a movement is more likely something else than the regressions say."""
-MOST_NATS = 6.0
-"""A near movement is no evidence at all: it may still be the begin of another one."""
+"""A frame is compared with so many takes, as many of each movement: with more the regressions know enough, and
+comparing would take longer than they do."""
 COMPARED_FROM = 0.4
 """The share of a take from which on a movement in progress is compared with it."""
-OWN_SHARE = 0.5
-"""The weight of a movement's own mean distance beside that of all movements: few takes can be alike by chance."""
+USUAL_DISTANCE = 0.3
+"""Body sizes from a take to the nearest of two others of its movement: the mean over MSR Action3D (.14), karate (.28)
+and Northwestern-UCLA (.39), 15 parts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,12 +53,13 @@ class NearestTakes:
 
     @classmethod
     def of(cls, examples: Sequence[Example], movements: int, scales: Floats | None = None) -> "NearestTakes | None":
-        """The takes among the examples, whose features are traces; None unless they are 2 to MOST_TAKES at facing 0.
+        """At most MOST_TAKES of the takes among the examples, whose features are traces.
 
-        scales: as learned earlier; otherwise they are measured by leaving out one take at a time.
+        None for a model of several facings, and for fewer than two takes. scales: as learned earlier; otherwise they
+        are measured by leaving out one take at a time.
         """
-        takes = [e for e in examples if e.movement >= 0 and e.features is not None]
-        if not 2 <= len(takes) <= MOST_TAKES or any(e.facing for e in takes):
+        takes = _representative([e for e in examples if e.movement >= 0 and e.features is not None])
+        if len(takes) < 2 or any(e.facing for e in examples):
             return None
         traces = [e.features.astype(np.float32) for e in takes if e.features is not None]
         paths = [path_of(trace) for trace in traces]
@@ -77,11 +71,10 @@ class NearestTakes:
         if scales is not None:
             return cls(padded, lengths, shown, scales)
         unscaled = cls(padded, lengths, shown, np.ones(movements))
-        measured = unscaled._scales(traces)
-        return None if measured is None else cls(padded, lengths, shown, measured)
+        return cls(padded, lengths, shown, unscaled._scales(traces))
 
-    def _scales(self, traces: Sequence[Floats32]) -> Floats | None:
-        """(M,) by leaving out one take at a time; None if no movement has two takes, or if they are all the same."""
+    def _scales(self, traces: Sequence[Floats32]) -> Floats:
+        """(M,) by leaving out one take at a time."""
         nearest: list[list[float]] = [[] for _ in self.scales]
         for k in range(len(traces)):
             own = self.movements == self.movements[k]
@@ -89,12 +82,13 @@ class NearestTakes:
             if own.any():
                 watch = NearestTakeWatch(self, traces[k])
                 nearest[self.movements[k]].append(float(watch.distances[own].min()))
-        of_all = [distance for distances in nearest for distance in distances]
-        if not of_all or not np.mean(of_all) > 0:
-            return None
-        usual = float(np.mean(of_all))
-        means = np.array([np.mean(distances) if distances else usual for distances in nearest])
-        return OWN_SHARE * means + (1 - OWN_SHARE) * usual
+        usual = _shrunk([distance for distances in nearest for distance in distances], USUAL_DISTANCE)
+        return np.array([_shrunk(distances, usual) for distances in nearest])
+
+
+def _shrunk(distances: Sequence[float], usual: float) -> float:
+    """Their mean with the usual distance as one of them: few takes can be alike by chance."""
+    return (sum(distances) + usual) / (len(distances) + 1)
 
 
 class NearestTakeWatch:
@@ -141,66 +135,21 @@ class NearestTakeWatch:
         distances: Floats = nearest / self._takes.scales
         return distances
 
-    def nats(self, movement: int, weight: float) -> float:
-        """Evidence for something else where this movement is the likeliest: 0 to MOST_NATS.
 
-        It is `weight` times the relative distance above USUAL_DISTANCE; 0 for a movement without takes.
-        """
-        distance = float(self.relative_distances[movement])
-        if not self._frames or not (self._takes.movements == movement).any():
-            return 0.0
-        return min(max(weight * (distance - USUAL_DISTANCE), 0.0), MOST_NATS)
-
-
-def takes_of(header: Header, examples: Sequence[Example], scales: Floats | None) -> NearestTakes | None:
-    """The takes with which a model compares movements; None if it compares with none.
-
-    scales: those in its file, empty for a model that does not compare with takes; None: measured here.
-    """
-    if not header.parameters[WEIGHT] or (scales is not None and not len(scales)):
-        return None
-    return NearestTakes.of(examples, header.vocabulary.size, scales)
-
-
-def held_out_distances(
-    header: Header, examples: Sequence[Example], folds: Iterable[Sequence[int]], shares: Sequence[float]
-) -> dict[int, Floats]:
-    """Index of each example of a movement -> (T, M) `NearestTakeWatch.relative_distances` from takes of other folds.
-
-    The T distances are those after these shares of the movement; inf where too few takes are left.
-    """
-    result = {}
-    for fold in folds:
-        left_out = set(fold)
-        takes = takes_of(header, [e for n, e in enumerate(examples) if n not in left_out], None)
-        for n in fold:
-            trace = examples[n].features
-            if examples[n].movement >= 0 and trace is not None:
-                frames = [max(math.ceil(share * len(trace)), 1) for share in shares]
-                distances = None if takes is None else _distances_after(takes, trace.astype(np.float32), frames)
-                result[n] = np.full((len(shares), header.vocabulary.size), np.inf) if distances is None else distances
-    return result
-
-
-def _distances_after(takes: NearestTakes, trace: Floats32, frames: Sequence[int]) -> Floats:
-    watch, result = NearestTakeWatch(takes), []
-    for row in trace:
-        watch.step(row)
-        result.append(watch.relative_distances)
-    return np.array([result[n - 1] for n in frames])
-
-
-def arrays_of(takes: NearestTakes | None) -> Arrays:
-    """For a model file, which has the takes as examples already."""
-    return {SCALES: np.zeros(0) if takes is None else takes.scales}
-
-
-def scales_in(arrays: Arrays, movements: int) -> Floats:
-    """`NearestTakes.scales` of a model file, empty for a model without; ValueError if they do not fit."""
-    scales = np.asarray(arrays.get(SCALES, np.zeros(0)), np.float64)
-    if scales.shape not in ((0,), (movements,)) or not (np.isfinite(scales) & (scales > 0)).all():
-        raise ValueError(f"{SCALES} are {scales}; {movements} distances are expected")
-    return scales
+def _representative(takes: Sequence[Example]) -> list[Example]:
+    """At most MOST_TAKES, as many of each movement as of the others, and evenly from their order."""
+    numbers: dict[int, int] = {}
+    ranked = []
+    for n, take in enumerate(takes):
+        number = numbers[take.movement] = numbers.get(take.movement, -1) + 1
+        ranked.append((evenly_spread(number), n))
+    counts = Counter(take.movement for take in takes)
+    share = min(1.0, MOST_TAKES / len(takes)) if takes else 1.0
+    chosen = []
+    for movement, count in counts.items():
+        own = sorted((rank, n) for rank, n in ranked if takes[n].movement == movement)
+        chosen += [n for _, n in own[: max(round(share * count), 1)]]
+    return [takes[n] for n in sorted(chosen)]
 
 
 def path_of(trace: Floats32) -> Floats32:

@@ -8,16 +8,12 @@ from common.errors import BadInput
 
 @dataclass(frozen=True, slots=True)
 class ParameterRange:
-    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32.
-
-    not_below: the parameter of the same model that this one must not be below.
-    """
+    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32."""
 
     low: float = 0.0
     high: float = 1e6
     above: bool = False
     whole: bool = False
-    not_below: str = ""
 
     def check(self, name: str, value: float) -> None:
         """Raise BadInput, one line with the name, the value and the range, for a value outside it."""
@@ -29,8 +25,7 @@ class ParameterRange:
     def __str__(self) -> str:
         number = "a whole number" if self.whole else "a number"
         low = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
-        text = f"{number} {low} to {self.high:g}"
-        return f"{text}, not below {self.not_below}" if self.not_below else text
+        return f"{number} {low} to {self.high:g}"
 
 
 PROBABILITY = ParameterRange(0.0, 1.0)
@@ -60,10 +55,6 @@ def check_parameters(parameters: Mapping[str, float], known: Mapping[str, Parame
     """Raise BadInput for the first parameter whose value is outside its range."""
     for name, parameter in known.items():
         parameter.allowed.check(name, parameters[name])
-        other = parameter.allowed.not_below
-        if other and parameters[name] < parameters[other]:
-            least = f"a number not below {other} = {parameters[other]:g}"
-            raise BadInput(f"parameter {name} = {parameters[name]:g}: {least} is expected")
 
 
 def facings_in(parameters: Mapping[str, float]) -> int:

@@ -35,7 +35,7 @@ class PosteriorCalibration:
     examples, by models that had not learned from the same person; empty if unknown. unlike, slope: the log odds that a
     movement is none of the vocabulary are slope (z - unlike), where z is the number of standard deviations by which its
     likelihood lies below the mean. A model with the answer "something else" needs none of these; p' then covers all
-    M + 1 answers, or with `learned_only` the M movements.
+    M + 1 answers. learned_only: the model has learned by itself how sure it may be, and its posterior is used as it is.
     """
 
     temperature: float = 1.0
@@ -103,7 +103,7 @@ def calibrated_posterior(watch: "Watch", calibration: PosteriorCalibration) -> t
     """(M, K) calibrated posterior given that it is one of the movements, and P(none of them), None if unknown."""
     learned, unlearned = _learned(watch), watch.unlearned
     if calibration.learned_only and unlearned is not None:
-        return calibration.apply(learned), _probability(unlearned)
+        return learned, _probability(unlearned)
     answers = calibration.apply(_answers(learned, unlearned))
     if unlearned is not None:
         return given_learned(answers), _probability(answers[-1])
@@ -153,9 +153,7 @@ def _nearly_cautious(temperature: float, doubt: float, share: float) -> Posterio
 def at_least_cautious(calibration: PosteriorCalibration) -> PosteriorCalibration:
     """The calibration, at least as cautious as CAUTIOUS and without "something else": for a single person's model."""
     return PosteriorCalibration(
-        max(calibration.temperature, CAUTIOUS.temperature),
-        max(calibration.doubt, CAUTIOUS.doubt),
-        learned_only=calibration.learned_only,
+        max(calibration.temperature, CAUTIOUS.temperature), max(calibration.doubt, CAUTIOUS.doubt)
     )
 
 

@@ -5,14 +5,11 @@ from collections.abc import Mapping
 from common.errors import BadInput
 from common.text import nearest
 from observer.model.base import MovementModel
-from observer.model.discriminative import Discriminative
 from observer.model.phase import Phase
 from observer.model.stacked import Stacked
-from observer.model.symbol_tables import FrameTable, PhaseSymbols
+from observer.model.symbol_tables import FrameTable
 
-MODELS: Mapping[str, type[MovementModel]] = {
-    model.kind: model for model in (Phase, PhaseSymbols, FrameTable, Discriminative, Stacked)
-}
+MODELS: Mapping[str, type[MovementModel]] = {model.kind: model for model in (Phase, FrameTable, Stacked)}
 DEFAULT_MODEL = Stacked.kind
 
 

@@ -1,6 +1,6 @@
 """Judges the window from the begin of a movement until now, stretched to a fixed length, by MiniRocket and regressions.
 
-One part is for movements in progress, one for movements that have ended, one tells which of the two applies.
+One regression is for movements in progress, one for movements that have ended.
 """
 
 from collections.abc import Sequence
@@ -26,27 +26,17 @@ FEWER_ROWS = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SegmentClassifier:
-    """P(movement | window from begin to now), for movements in progress and ended ones, and P(ended)."""
+    """P(movement | window from begin to now), for movements in progress and for ended ones."""
 
     rocket: MiniRocket
     running: LogisticRegression
     ended: LogisticRegression
-    completion: LogisticRegression
 
-    def log_posterior(self, rows: Floats32, ended: bool) -> Floats32:
-        """(F, 2 P + 3) since the begin -> (M,) log probabilities, not normalised. ended: the movement is over."""
+    def log_posteriors(self, rows: Floats32) -> Floats32:
+        """(F, 2 P + 3) since the begin -> (2, M) log probabilities for a movement in progress, and an ended one."""
         window = segment_window(rows, LENGTH)[None]
         features = _with_length(self.rocket.transform(window), np.array([len(rows)]))[0]
-        return self.log_posterior_of(features, ended)
-
-    def log_posterior_of(self, features: Floats32, ended: bool) -> Floats32:
-        """(..., D) features of segments -> (..., M), as `log_posterior`."""
-        over = self.ended.log_probabilities(features)
-        if ended:
-            return over
-        share: Floats32 = np.exp(self.completion.log_probabilities(features)[..., 1:])
-        result: Floats32 = (np.float32(1) - share) * self.running.log_probabilities(features) + share * over
-        return result
+        return np.stack([self.running.log_probabilities(features), self.ended.log_probabilities(features)])
 
     @classmethod
     def from_arrays(cls, arrays: Arrays, movements: int, parts: int) -> Self:
@@ -59,7 +49,6 @@ class SegmentClassifier:
             rocket,
             LogisticRegression.from_arrays("running", arrays, (size, movements)),
             LogisticRegression.from_arrays("ended", arrays, (size, movements)),
-            LogisticRegression.from_arrays("completion", arrays, (size, 2)),
         )
 
     def arrays(self) -> dict[str, NDArray[np.generic]]:
@@ -68,7 +57,6 @@ class SegmentClassifier:
             **self.rocket.as_arrays(),
             **self.running.as_arrays("running"),
             **self.ended.as_arrays("ended"),
-            **self.completion.as_arrays("completion"),
         }
 
 
@@ -107,8 +95,6 @@ class SegmentTable:
         """From the chosen (N,) windows."""
         late = chosen & (self.fraction >= ENDED_FROM)
         targets = np.eye(movements, dtype=np.float32)[self.movement_of]
-        ended = np.clip((self.fraction - 0.7) / 0.25, 0, 1).astype(np.float32)
-        completion = np.stack([1 - ended, ended], axis=1)
 
         def learned(rows: NDArray[np.bool_], of: Floats32, c: float) -> LogisticRegression:
             ones = np.ones(int(rows.sum()), np.float32)
@@ -118,7 +104,6 @@ class SegmentTable:
             self.rocket,
             learned(chosen, targets, inverse_penalty),
             learned(late, targets, inverse_penalty * FEWER_ROWS),
-            learned(chosen, completion, inverse_penalty / 5),
         )
 
 

@@ -1,132 +1,155 @@
-"""`stacked`, the default model: the phase filter and the discriminative classifiers, multiplied with learned exponents.
+"""`stacked`, the default model: a phase filter, regressions on convolutional features and the nearest take, stacked.
 
-Wolpert, "Stacked generalization", Neural Networks 5, 1992; here a log-linear pool (Genest and Zidek 1986). The
-two kinds of model make different mistakes. While the begin of a movement is known, from the person's stillness before
-it, both judge it; a movement that follows another one directly, or any other motion, is judged by the trailing windows
-of the discriminative model alone (docs/design/model.md).
+The members make different mistakes. While the begin of a movement is known, from the person's stillness before it, all
+of them judge; a movement that follows another one directly, or any other motion, is judged by the trailing windows
+alone. `stacker.py` weighs what they say (docs/design/model.md).
 """
 
+import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
 
-from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, with_defaults
-from observer.model.body_trace import BodyTrace, width_of
+from observer.model.body_trace import EXTENT_S, BodyTrace, width_of
 from observer.model.chains import fill_gaps
-from observer.model.common_gestures import learns_gestures
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
-from observer.model.discriminative import Discriminative
-from observer.model.few_takes import CALIBRATION, COMMON_OFFSET, OFFSET, judges_by_takes, pooled_with_takes
-from observer.model.few_takes import PARAMETERS as FEW_TAKES_PARAMETERS
-from observer.model.nearest_take import NEAREST, arrays_of, held_out_distances, scales_in, takes_of
-from observer.model.parameters import Parameter
+from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
+from observer.model.leaning import LEANS_ON, leans_on
+from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
+from observer.model.nearest_take import NearestTakes
+from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facings_in
 from observer.model.phase import Phase, posture_reader
-from observer.model.posterior_calibration import HeldOutResult
-from observer.model.something_else import (
-    AGREED_FROM,
-    AGREEMENT,
-    learn_agreement,
-    learn_confusions,
-)
-from observer.model.stack_exponents import EXPONENTS, RUNNING_AT, learned_exponents, pooled_at
+from observer.model.posterior_calibration import PosteriorCalibration
+from observer.model.renumbering import indices_of_remaining, without_background_movement
+from observer.model.segment_classifier import SegmentClassifier
 from observer.model.stacked_watch import StackedWatch
+from observer.model.stacker import Stacker, task_of
+from observer.model.stacker_prior import PRIOR
+from observer.model.trailing_features import TrailingFeatures
 from observer.model.training_memory import TrainingMemory
-from observer.tracks import Floats
+from observer.model.training_rows import learned_facings, thin_facings
+from observer.model.training_table import TrainingTable
+from observer.tracks import Floats, Floats32
+
+LONGEST_SHARE = 1.4
+"""A segment longer than this multiple of the longest example is no single movement."""
 
 
 class Stacked(LearnsStreams):
-    """Phase and Discriminative of one view."""
+    """The members and the stacker of one view.
+
+    lengths (M,): median frames of a movement's examples; extents (M,): how far the farthest part usually goes within
+    `body_trace.EXTENT_S`, body sizes; usual_posture (2 P,): where the parts usually are, relative to the body.
+    """
 
     kind: ClassVar[str] = "stacked"
-    FEWER_PARTS: ClassVar[bool] = False
+    FEWER_PARTS: ClassVar[bool] = True
+    # kernels: features of the segment classifier. inverse_penalty: of all regressions, for segments and for trailing
+    # windows. Chosen by leaving out training people (docs/results/notebook.md). seed: of the kernels and of the blends
+    # that are drawn at random, to find out how much of a difference is chance.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         **Phase.PARAMETERS,
-        **Discriminative.PARAMETERS,
-        **EXPONENTS,
-        **AGREEMENT,
-        **NEAREST,
-        **FEW_TAKES_PARAMETERS,
+        "kernels": Parameter(2500.0, ParameterRange(84, 20_000, whole=True)),
+        "inverse_penalty": Parameter(0.01, POSITIVE),
+        "trailing_penalty": Parameter(0.005, POSITIVE),
+        "seed": Parameter(0.0, ParameterRange(0.0, whole=True), earlier=0.0),
     }
 
     def __init__(
         self,
         header: Header,
         phase: Phase,
-        discriminative: Discriminative,
-        confusions: Floats | None = None,
-        take_scales: Floats | None = None,
+        table: "TrainingTable | _Learned",
+        answers: LogisticRegression,
+        segments: SegmentClassifier,
+        takes: NearestTakes | None,
+        memory: TrainingMemory,
+        stacker: Stacker,
     ) -> None:
-        """take_scales: (M,) of `NearestTakes`, empty if the model does not compare with takes; None: measured here."""
-        self.header, self.phase, self.discriminative = header, phase, discriminative
-        self.confusions = np.eye(header.vocabulary.size) if confusions is None else confusions
-        examples = discriminative.memory.examples
-        self.takes = takes_of(header, examples, take_scales)
-        self.judges_by_takes = self.takes is not None and judges_by_takes(header, examples)
-        self.else_offset = COMMON_OFFSET if learns_gestures(discriminative.header, examples) else OFFSET
-
-    @property
-    def memory(self) -> TrainingMemory:
-        """What it was learned from."""
-        return self.discriminative.memory
+        self.header, self.phase, self.memory, self.stacker = header, phase, memory, stacker
+        self._table: TrainingTable | None = None
+        """All windows that it was learned from, until it is stored."""
+        self.trailing: TrailingFeatures = table.trailing
+        self.trailing_answers, self.segments, self.takes = answers, segments, takes
+        self.lengths, self.extents, self.usual_posture = table.lengths, table.extents, table.usual_posture
+        self.longest, self.longest_segment = table.longest, LONGEST_SHARE * table.longest
+        self.history = max(round(EXTENT_S * header.rate_hz), round(self.longest_segment)) + 2
+        """Rows of the trace that a watch keeps."""
 
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
-        """Learn both members; the phase filter learns from the movements of the vocabulary only."""
+        """Learn all members. The stacker is that of the prior: nothing has been tried yet."""
         header = replace(with_defaults(header, cls.PARAMETERS), background=header.background or ())
-        members = [_split(header, e) for e in examples]
-        phase = Phase.learn(_phase_header(header), [p for p, _ in members if p.movement >= 0])
-        traces = [_trace_of(header, s) for s in streams]
-        discriminative = Discriminative.learn_with_streams(
-            _discriminative_header(header), [d for _, d in members], traces
-        )
-        return cls(header, phase, discriminative)
+        facings = facings_in(header.parameters)
+        split = [_split(header, e) for e in examples]
+        phase = Phase.learn(_phase_header(header), [p for p, _ in split if p.movement >= 0])
+        shown = thin_facings([d for _, d in split], facings)
+        return cls._learned(header, phase, shown, thin_facings([_trace_of(header, s) for s in streams], facings))
 
     @classmethod
-    def cross_validated(cls, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
-        """The exponents, what tells something else, and the results of the examples watched by the phase filter."""
-        header = with_defaults(header, cls.PARAMETERS)
-        split = [_split(header, e) for e in cross_validation.examples]
-        others = replace(
-            cross_validation,
-            examples=[other for _, other in split],
-            streams=[_trace_of(header, s) for s in cross_validation.streams],
+    def _learned(cls, header: Header, phase: Phase, shown: Sequence[Example], streams: Sequence[Stream]) -> Self:
+        table = _table(header, shown, streams)
+        memory = TrainingMemory.of(shown, table.traces, streams, table.traces_of_streams)
+        model = cls._assembled(header, phase, table, (), memory)
+        leaning = leans_on(model.segments, table.usual_posture, header, memory.examples)
+        provenance = {**header.provenance, LEANS_ON: json.dumps(leaning)}
+        model.header, model._table = replace(header, provenance=provenance), table
+        return model
+
+    @classmethod
+    def _assembled(
+        cls,
+        header: Header,
+        phase: Phase,
+        table: TrainingTable,
+        left_out: Sequence[int],
+        memory: TrainingMemory,
+        part: tuple[int, int] | None = None,
+    ) -> Self:
+        """The model without the examples, and the part of streams, left out of the table; the memory has them all."""
+        answers, segments = table.learn(left_out, FEW_ITERATIONS if left_out else ITERATIONS, part)
+        gone = set(left_out)
+        examples = [e for n, e in enumerate(memory.examples) if n not in gone]
+        takes = NearestTakes.of(examples, header.vocabulary.size)
+        stacker = PRIOR.stacker(_task_of(header, examples, memory.streams))
+        return cls(header, phase, table, answers, segments, takes, memory, stacker)
+
+    def cross_validated(self, cross_validation: CrossValidation) -> LearnedFromOthers:
+        """The stacker of the examples and streams of the people left out, each watched by a model of all others."""
+        header, examples = self.header, cross_validation.examples
+        facings = facings_in(header.parameters)
+        split = [_split(header, e) for e in examples]
+        chosen = learned_facings(examples, facings)
+        place = {n: k for k, n in enumerate(chosen)}
+        streams = thin_facings([_trace_of(header, s) for s in cross_validation.streams], facings)
+        table = self._table or _table(header, [split[n][1] for n in chosen], streams)
+        rows = []
+        for number, fold in enumerate(cross_validation.folds):
+            gone, part = set(fold), (number, len(cross_validation.folds))
+            of_phase = [p for n, (p, _) in enumerate(split) if n not in gone and p.movement >= 0]
+            phase = Phase.learn(_phase_header(header), of_phase)
+            model = self._assembled(header, phase, table, [place[n] for n in fold if n in place], self.memory, part)
+            watched = [n for n in fold if n in cross_validation.watched]
+            apart = list(streams_left_out(streams, examples, gone, part))
+            rows.append(rows_of_fold(model, examples, watched, apart, cross_validation.watched_s))
+        stacker, results, strange = held_out_results(
+            PRIOR, _task_of(header, examples, streams), rows, cross_validation.shares
         )
-        of_others, scaling = Discriminative.held_out(_discriminative_header(header), others)
-        shares = (*RUNNING_AT, *cross_validation.shares)
-        numbers, truth, members = [], [], []
-        for n, of_phase in _held_out_phases(header, [p for p, _ in split], cross_validation, shares):
-            members.append(np.stack([of_phase, softmax(of_others[n].after(shares))], axis=1))
-            truth.append(split[n][0].movement)
-            numbers.append(n)
-        if not members:
-            return LearnedFromOthers(scaling, [])
-        explicit, arrays = cross_validation.explicit, {}
-        exponents = learned_exponents(header, np.array(members), np.array(truth), explicit)
-        if cross_validation.across_people:
-            late = {share: n for n, share in enumerate(shares) if share >= AGREED_FROM}
-            of_late = np.array(members)[:, [*late.values()]]
-            arrays["confusions"] = confusions = learn_confusions(of_late)
-            scaling |= learn_agreement(of_late, np.array(truth), confusions, header.parameters, explicit)
-        own = [pooled_at(shares, p, exponents) for p in members]
-        calibration = None
-        if judges_by_takes(header, others.examples) and takes_of(header, others.examples, None) is not None:
-            distances = held_out_distances(header, others.examples, others.folds, shares)
-            own = [pooled_with_takes(p[:, 0], p[:, 1], distances[n]) for n, p in zip(numbers, members, strict=True)]
-            calibration = CALIBRATION
-        results = [HeldOutResult(m, p[len(RUNNING_AT) :], None) for m, p in zip(truth, own, strict=True)]
-        return LearnedFromOthers({**scaling, **exponents}, results, arrays, calibration)
+        calibration = PosteriorCalibration(learned_only=True)
+        return LearnedFromOthers(results, _stacker_arrays(stacker), calibration, strange)
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
-        """(F, D) the phase filter's features, then the trace."""
+        """(F, D) the phase filter's features, then the trace; of a stream the trace alone."""
+        trace = BodyTrace(header.body_parts, header.rate_hz)
         if isinstance(example, Stream):
-            return Discriminative.read(_discriminative_header(header), example)
-        reader, trace = posture_reader(_phase_header(header)), BodyTrace(header.body_parts, header.rate_hz)
-        rows, postures = [], []
+            return np.array([trace.update(tracks) for tracks in example.tracks], np.float64)
+        reader, rows, postures = posture_reader(_phase_header(header)), [], []
         for tracks in example.tracks:
             rows.append(trace.update(tracks))
             postures.append(reader.read(tracks, trace.frame.origin, trace.frame.size))
@@ -134,57 +157,119 @@ class Stacked(LearnsStreams):
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """The inverse of `arrays`; ValueError if they do not fit. Earlier files have no confusions."""
-        movements = header.vocabulary.size
-        confusions = np.asarray(arrays.get("confusions", np.eye(movements)), np.float64)
-        if confusions.shape != (movements, movements) or not ((confusions >= 0) & (confusions <= 1)).all():
-            raise ValueError(f"confusions {confusions.shape}: {movements} by {movements} from 0 to 1 are expected")
-        phase, scales = Phase.from_arrays(_phase_header(header), arrays), scales_in(arrays, movements)
-        return cls(
-            header, phase, Discriminative.from_arrays(_discriminative_header(header), arrays), confusions, scales
-        )
+        """The inverse of `arrays`; ValueError if they do not fit."""
+        movements, parts = header.vocabulary.size, len(header.body_parts)
+        learned = _Learned.from_arrays(header, arrays)
+        answers = LogisticRegression.from_arrays("trailing_movement", arrays, (learned.trailing.size, movements + 1))
+        memory = TrainingMemory.from_arrays(arrays, movements, len(header.background or ()), width_of(parts))
+        scales = np.asarray(arrays["take_scales"], np.float64)
+        if scales.shape not in ((0,), (movements,)) or not (np.isfinite(scales) & (scales > 0)).all():
+            raise ValueError(f"take_scales are {scales}; {movements} distances are expected")
+        takes = NearestTakes.of(memory.examples, movements, scales) if len(scales) else None
+        segments = SegmentClassifier.from_arrays(arrays, movements, parts)
+        phase = Phase.from_arrays(_phase_header(header), arrays)
+        return cls(header, phase, learned, answers, segments, takes, memory, _stacker_in(arrays))
 
     def arrays(self) -> Arrays:
-        """Those of both members, whose names differ, how the movements are confused, and how far takes are apart."""
-        own = {"confusions": self.confusions, **arrays_of(self.takes)}
-        return {**self.phase.arrays(), **self.discriminative.arrays(), **own}
+        """Everything that was learned."""
+        return {
+            **self.phase.arrays(),
+            **self.trailing.as_arrays(),
+            **self.trailing_answers.as_arrays("trailing_movement"),
+            **self.segments.arrays(),
+            "longest": np.array([self.longest]),
+            "lengths": self.lengths,
+            "extents": self.extents,
+            "usual_posture": self.usual_posture,
+            "take_scales": np.zeros(0) if self.takes is None else self.takes.scales,
+            **_stacker_arrays(self.stacker),
+            **self.memory.as_arrays(),
+        }
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """The phase filter as it was, and grown; the discriminative classifiers learned again."""
-        members = [_split(header, e) for e in examples]
-        phase = self.phase.grown(_phase_header(header), [p for p, _ in members])
-        discriminative = self.discriminative.grown(_discriminative_header(header), [d for _, d in members])
-        confusions, known = np.eye(header.vocabulary.size), len(self.confusions)
-        confusions[:known, :known] = self.confusions
-        return type(self)(header, phase, discriminative, confusions)
+        """Learned again with examples of more movements, which are at the end of the header's vocabulary."""
+        split = [_split(header, e) for e in examples]
+        phase = self.phase.grown(_phase_header(header), [p for p, _ in split])
+        shown = thin_facings([d for _, d in split], facings_in(header.parameters))
+        return self._from_memory(header, phase, self.memory.with_examples(shown))
 
     def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
-        """The phase filter without the other movements; the discriminative classifiers learned again."""
+        """Learned again for a vocabulary of only these movements, in their order."""
         phase = self.phase.shrunk(_phase_header(header), remaining)
-        confusions = self.confusions[np.ix_(remaining, remaining)]
-        return type(self)(
-            header, phase, self.discriminative.shrunk(_discriminative_header(header), remaining), confusions
-        )
+        return self._from_memory(header, phase, self.memory.renumbered(indices_of_remaining(self.header, remaining)))
 
     def without_background(self, gone: int) -> Self:
-        """The same phase filter; the discriminative classifiers learned again."""
-        discriminative = self.discriminative.without_background(gone)
-        header = replace(self.header, background=discriminative.header.background)
-        return type(self)(header, self.phase, discriminative, self.confusions)
+        """Learned again without one movement of the background, given by its place in the header's."""
+        header, new_index = without_background_movement(self.header, gone)
+        return self._from_memory(header, self.phase, self.memory.renumbered(new_index))
+
+    @classmethod
+    def _from_memory(cls, header: Header, phase: Phase, memory: TrainingMemory) -> Self:
+        return cls._learned(header, phase, memory.examples, memory.streams)
 
     def watch(self, onset: Onset) -> StackedWatch:
-        """Start watching."""
+        """Start watching; a known onset is the begin of the first segment."""
         return StackedWatch(self, onset)
+
+
+class _Learned:
+    """What a model file has of a `TrainingTable`."""
+
+    def __init__(self, trailing: TrailingFeatures, longest: int, of_movements: tuple[Floats, Floats, Floats32]) -> None:
+        self.trailing, self.longest = trailing, longest
+        self.lengths, self.extents, self.usual_posture = of_movements
+
+    @classmethod
+    def from_arrays(cls, header: Header, arrays: Arrays) -> "_Learned":
+        movements, parts = header.vocabulary.size, len(header.body_parts)
+        lengths, extents = (np.asarray(arrays[name], np.float64) for name in ("lengths", "extents"))
+        usual = np.asarray(arrays["usual_posture"], np.float32)
+        for name, values, size in (("lengths", lengths, movements), ("extents", extents, movements)):
+            if values.shape != (size,) or not (np.isfinite(values) & (values > 0)).all():
+                raise ValueError(f"{name} are {values}; {size} positive numbers are expected")
+        if usual.shape != (2 * parts,) or not np.isfinite(usual).all():
+            raise ValueError(f"usual_posture has shape {usual.shape}; ({2 * parts},) is expected")
+        trailing = TrailingFeatures.from_arrays(arrays, header.rate_hz, parts)
+        return cls(trailing, int(arrays["longest"].astype(np.int64)[0]), (lengths, extents, usual))
+
+
+def _table(header: Header, shown: Sequence[Example], streams: Sequence[Stream]) -> TrainingTable:
+    traces, of_streams = ([_features_of(each) for each in source] for source in (shown, streams))
+    return TrainingTable(header, shown, traces, streams, of_streams)
+
+
+def _features_of(shown: Example | Stream) -> Floats32:
+    if shown.features is None:
+        raise ValueError("its trace has not been read")
+    return shown.features.astype(np.float32)
+
+
+def _task_of(header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Floats:
+    """How much the members learned from, as the stacker's prior wants it."""
+    takes = [e for e in examples if e.movement >= 0 and e.facing == examples[0].facing]
+    movements = header.vocabulary.size
+    other_s = sum(s.other_frames for s in streams if s.facing == streams[0].facing) / header.rate_hz
+    # The effective number: a single take by a second person hardly makes two people.
+    shares = np.array([*Counter(e.subject for e in takes).values()]) / max(len(takes), 1)
+    return task_of(len(takes) / movements, math.exp(-float(shares @ np.log(shares))), movements, other_s)
+
+
+def _stacker_arrays(stacker: Stacker) -> dict[str, Floats]:
+    return {"stacker_weights": stacker.weights, "stacker_other": stacker.other}
+
+
+def _stacker_in(arrays: Arrays) -> Stacker:
+    """ValueError for arrays that do not fit."""
+    own = [np.asarray(arrays[name], np.float64) for name in ("stacker_weights", "stacker_other")]
+    shapes = (PRIOR.weights.spreads.shape, PRIOR.other.spreads.shape)
+    if tuple(each.shape for each in own) != shapes or not all(np.isfinite(each).all() for each in own):
+        raise ValueError(f"stacker weights of shapes {[each.shape for each in own]}; finite ones {shapes} are expected")
+    return Stacker(*own)
 
 
 def _phase_header(header: Header) -> Header:
     parameters = {name: header.parameters[name] for name in Phase.PARAMETERS}
     return replace(header, kind=Phase.kind, parameters=parameters, background=None)
-
-
-def _discriminative_header(header: Header) -> Header:
-    parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS}
-    return replace(header, kind=Discriminative.kind, parameters=parameters)
 
 
 def _split(header: Header, example: Example) -> tuple[Example, Example]:
@@ -195,21 +280,3 @@ def _split(header: Header, example: Example) -> tuple[Example, Example]:
 
 def _trace_of(header: Header, stream: Stream) -> Stream:
     return stream if stream.features is not None else replace(stream, features=Stacked.read(header, stream))
-
-
-def _held_out_phases(
-    header: Header, examples: Sequence[Example], cross_validation: CrossValidation, shares: Sequence[float]
-) -> Iterator[tuple[int, Floats]]:
-    """Index and (T, M) posteriors after these shares of each example watched, by phase filters of others."""
-    for fold in cross_validation.folds:
-        left_out = set(fold)
-        others = [e for n, e in enumerate(examples) if n not in left_out and e.movement >= 0]
-        phase = Phase.learn(_phase_header(header), others)
-        for n in fold:
-            if n in cross_validation.watched and examples[n].movement >= 0:
-                tracks, watch = examples[n].tracks, phase.watch(Onset(known=True))
-                posteriors = []
-                for frame in tracks:
-                    watch.update(frame)
-                    posteriors.append(watch.p)
-                yield n, np.array([posteriors[max(math.ceil(s * len(tracks)), 1) - 1] for s in shares])

@@ -1,7 +1,6 @@
-"""The models of Vector Symbols: `frame-table`, the paper's own, (2) to (6) to the letter, and `phase-symbols`.
+"""`frame-table`: the paper's own model of Vector Symbols, (2) to (6) to the letter.
 
-`frame-table` must be told where a movement begins and ends. `phase-symbols` uses the same table with a Bayes filter
-over phase and speed instead of the frame clock.
+It must be told where a movement begins and ends.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,11 +9,10 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.probability import softmax, uniform
-from observer.features import SpaceReader, Symbols, VectorSymbol
-from observer.filtering.phase_filter import Dynamics, PhaseFilter
+from common.probability import softmax
+from observer.features import SpaceReader, Symbols
 from observer.model.base import Arrays, Example, Header, Onset, Watch, with_defaults
-from observer.model.parameters import NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter, ParameterRange
+from observer.model.parameters import NOT_NEGATIVE, POSITIVE, Parameter, ParameterRange
 from observer.tracks import Floats, Tracks
 
 SYMBOLS = 9
@@ -32,24 +30,16 @@ def bin_indices(frames: int, bins: int) -> NDArray[np.int64]:
     return np.arange(frames) * bins // max(frames, 1)
 
 
-def learn_table(
-    sequences: Sequence[tuple[Symbols, int]], movements: int, bins: int, smoothing: float, neighbours: float = 0.0
-) -> Floats:
+def learn_table(sequences: Sequence[tuple[Symbols, int]], movements: int, bins: int, smoothing: float) -> Floats:
     """(M, I, P, 9) log P(b | m, i), counted over (symbols (F, P), movement) with Dirichlet smoothing (section IV.A).
 
-    neighbours: additional counts per bin, distributed as in the bins before and after, because with few examples one
-    bin knows little; 0 is the paper's table. NOT_SEEN is not counted; a distribution without counts stays uniform.
+    NOT_SEEN is not counted; a distribution without counts stays uniform.
     """
     parts = sequences[0][0].shape[1]
     counts = np.full((movements, bins, parts, SYMBOLS), float(smoothing))
     for symbols, movement in sequences:
         frame, part = np.nonzero(symbols >= 0)
         np.add.at(counts[movement], (bin_indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
-    if neighbours:
-        beside = np.full(counts.shape, float(smoothing))
-        beside[:, 1:] += counts[:, :-1] - smoothing
-        beside[:, :-1] += counts[:, 1:] - smoothing
-        counts += neighbours * beside / beside.sum(axis=-1, keepdims=True)
     log_table: Floats = np.log(counts / counts.sum(axis=-1, keepdims=True))
     return log_table
 
@@ -66,58 +56,6 @@ def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
 
 LEAST_LOG, ROUND_OFF = -1e4, 1e-6
 """Bounds of the logarithm of a probability; sums of lower ones would no longer be exact."""
-
-
-class SymbolTable:
-    """Base of the models of Vector Symbols: a table learned by counting, and its storage.
-
-    PARAMETERS has `threshold`, `smoothing`, `neighbours` and, under the name BINS, the number of bins.
-    """
-
-    PARAMETERS: ClassVar[Mapping[str, Parameter]]
-    BINS: ClassVar[str]
-
-    def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
-        self.header = header
-        self.log_table = log_table
-        self.mean_frames = mean_frames
-
-    @classmethod
-    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
-        """Count Vector Symbols per movement, bin and part."""
-        header = with_defaults(header, cls.PARAMETERS)
-        parameters = header.parameters
-        sequences = [(symbols_of(e, header.body_parts, parameters["threshold"]), e.movement) for e in examples]
-        bins, movements = int(parameters[cls.BINS]), header.vocabulary.size
-        table = learn_table(sequences, movements, bins, parameters["smoothing"], parameters["neighbours"])
-        return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
-
-    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """The same model for a vocabulary with more movements at its end; the examples show only these."""
-        table = type(self).learn(header, examples).log_table[self.header.vocabulary.size :]
-        return type(self)(header, np.concatenate([self.log_table, table]), self.mean_frames)
-
-    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
-        """The same model for a vocabulary of only these movements, in their order."""
-        return type(self)(header, self.log_table[list(remaining)], self.mean_frames)
-
-    @classmethod
-    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From log_table (M, I, P, 9) and mean_frames (); raises ValueError if they do not fit the header."""
-        log_table, mean_frames = np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"])
-        shape = (header.vocabulary.size, int(header.parameters[cls.BINS]), len(header.body_parts), SYMBOLS)
-        if log_table.shape != shape:
-            raise ValueError(f"log_table has shape {log_table.shape}, {shape} is expected")
-        # Not NaN either, which fails every comparison.
-        if not (log_table <= ROUND_OFF).all() or not (log_table >= LEAST_LOG).all():
-            raise ValueError(f"log_table holds logarithms of probabilities, {LEAST_LOG:g} to 0")
-        if not 1 <= mean_frames < 1e9:
-            raise ValueError(f"mean_frames is {mean_frames:g}, a mean number of frames is expected")
-        return cls(header, log_table, mean_frames)
-
-    def arrays(self) -> Arrays:
-        """log_table (M, I, P, 9) and mean_frames ()."""
-        return {"log_table": self.log_table, "mean_frames": np.array(self.mean_frames)}
 
 
 class FrameClock:
@@ -148,8 +86,8 @@ class FrameClock:
         return softmax(self._log_p)
 
 
-class FrameTable(SymbolTable):
-    """log P(B_bp | M, I), with the frame I given by a clock.
+class FrameTable:
+    """log P(B_bp | M, I), counted, with the frame I given by a clock.
 
     If the length is not known, the clock takes the mean length of the training examples and then stands still, as the
     paper's would.
@@ -162,9 +100,49 @@ class FrameTable(SymbolTable):
         "bins": Parameter(8.0, ParameterRange(1, MOST_BINS, whole=True)),
         "threshold": Parameter(0.16, NOT_NEGATIVE),
         "smoothing": Parameter(0.1, POSITIVE),
-        "neighbours": Parameter(0.0, NOT_NEGATIVE),
     }
-    BINS = "bins"
+
+    def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
+        self.header = header
+        self.log_table = log_table
+        self.mean_frames = mean_frames
+
+    @classmethod
+    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
+        """Count Vector Symbols per movement, bin and part."""
+        header = with_defaults(header, cls.PARAMETERS)
+        parameters = header.parameters
+        sequences = [(symbols_of(e, header.body_parts, parameters["threshold"]), e.movement) for e in examples]
+        bins, movements = int(parameters["bins"]), header.vocabulary.size
+        table = learn_table(sequences, movements, bins, parameters["smoothing"])
+        return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
+
+    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
+        """The same model for a vocabulary with more movements at its end; the examples show only these."""
+        table = type(self).learn(header, examples).log_table[self.header.vocabulary.size :]
+        return type(self)(header, np.concatenate([self.log_table, table]), self.mean_frames)
+
+    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
+        """The same model for a vocabulary of only these movements, in their order."""
+        return type(self)(header, self.log_table[list(remaining)], self.mean_frames)
+
+    @classmethod
+    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
+        """From log_table (M, I, P, 9) and mean_frames (); raises ValueError if they do not fit the header."""
+        log_table, mean_frames = np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"])
+        shape = (header.vocabulary.size, int(header.parameters["bins"]), len(header.body_parts), SYMBOLS)
+        if log_table.shape != shape:
+            raise ValueError(f"log_table has shape {log_table.shape}, {shape} is expected")
+        # Not NaN either, which fails every comparison.
+        if not (log_table <= ROUND_OFF).all() or not (log_table >= LEAST_LOG).all():
+            raise ValueError(f"log_table holds logarithms of probabilities, {LEAST_LOG:g} to 0")
+        if not 1 <= mean_frames < 1e9:
+            raise ValueError(f"mean_frames is {mean_frames:g}, a mean number of frames is expected")
+        return cls(header, log_table, mean_frames)
+
+    def arrays(self) -> Arrays:
+        """log_table (M, I, P, 9) and mean_frames ()."""
+        return {"log_table": self.log_table, "mean_frames": np.array(self.mean_frames)}
 
     def watch(self, onset: Onset) -> "_FrameTableWatch":
         """Start the frame clock."""
@@ -190,80 +168,3 @@ class _FrameTableWatch(Watch):
     def update(self, tracks: Tracks) -> None:
         symbols = self._reader.update(tracks)
         self._clock.condition(log_evidence(self._log_table[:, self._clock.i], symbols))
-
-
-STILL_AT_REST = 0.9
-"""P(O | rest) for each part; the other eight symbols share the remainder. Expert knowledge, as in the paper."""
-MOST_SPEEDS = 100
-
-
-def tempo_dynamics(mean_speed: float, parameters: Mapping[str, float]) -> Dynamics:
-    """V speeds in phases per frame, geometric from slowest to fastest times `mean_speed`; a step is floor or ceil."""
-    count, slowest, fastest = int(parameters["speeds"]), parameters["slowest"], parameters["fastest"]
-    speeds = np.full(1, mean_speed) if count == 1 else mean_speed * np.geomspace(slowest, fastest, count)
-    whole = np.floor(speeds).astype(int)
-    steps = np.zeros((count, whole.max() + 2))
-    rows = np.arange(count)
-    steps[rows, whole] = 1 - (speeds - whole)
-    steps[rows, whole + 1] = speeds - whole
-    jitter = np.eye(count)
-    if count > 1:
-        # In each frame a tenth of the mass moves to the neighbouring speeds.
-        jitter = 0.9 * np.eye(count) + 0.05 * np.eye(count, k=1) + 0.05 * np.eye(count, k=-1)
-        jitter /= jitter.sum(axis=1, keepdims=True)
-    entry = np.array([1.0])
-    return Dynamics(steps, np.full(count, 1 / count), jitter, entry, parameters["begin"], parameters["forget"])
-
-
-class PhaseSymbols(SymbolTable):
-    """One chain of phases per movement; P(b | m, phase) is counted with every example divided into the phases."""
-
-    kind: ClassVar[str] = "phase-symbols"
-    FEWER_PARTS: ClassVar[bool] = True
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "phases": Parameter(30.0, ParameterRange(1, MOST_BINS, whole=True)),
-        "threshold": Parameter(0.16, NOT_NEGATIVE),
-        "smoothing": Parameter(0.1, POSITIVE),
-        # Chosen on training subjects: it matters with few examples and hardly with many (docs/guide/own-movements.md).
-        "neighbours": Parameter(10.0, NOT_NEGATIVE),
-        "temperature": Parameter(4.0, POSITIVE),
-        "speeds": Parameter(10.0, ParameterRange(1, MOST_SPEEDS, whole=True)),
-        "slowest": Parameter(0.5, ParameterRange(0.01, 100.0)),
-        "fastest": Parameter(2.0, ParameterRange(0.01, 100.0, not_below="slowest")),
-        "begin": Parameter(0.05, PROBABILITY),
-        "forget": Parameter(0.01, PROBABILITY),
-    }
-    BINS = "phases"
-
-    def watch(self, onset: Onset) -> "_PhaseSymbolsWatch":
-        """Start the filter at rest, or at the first phase if the onset is known."""
-        parameters = self.header.parameters
-        movements, phases = self.log_table.shape[:2]
-        dynamics = tempo_dynamics(phases / self.mean_frames, parameters)
-        phase_filter = PhaseFilter(np.arange(movements), phases, uniform(movements), dynamics, onset.known)
-        reader = SpaceReader(self.header.body_parts, parameters["threshold"])
-        return _PhaseSymbolsWatch(self.log_table, 1 / parameters["temperature"], reader, phase_filter)
-
-
-class _PhaseSymbolsWatch(Watch):
-    def __init__(self, log_table: Floats, exponent: float, reader: SpaceReader, phase_filter: PhaseFilter) -> None:
-        self._log_table, self._exponent, self._reader, self._filter = log_table, exponent, reader, phase_filter
-        self._log_rest = np.full(SYMBOLS, np.log((1 - STILL_AT_REST) / (SYMBOLS - 1)))
-        self._log_rest[VectorSymbol.O] = np.log(STILL_AT_REST)
-
-    @property
-    def p(self) -> Floats:
-        return self._filter.p
-
-    @property
-    def rest(self) -> float:
-        return self._filter.rest
-
-    def update(self, tracks: Tracks) -> None:
-        symbols = self._reader.update(tracks)
-        moved = symbols[symbols >= 0]
-        if not len(moved):
-            self._filter.step_blind()
-            return
-        log_rest = float(self._log_rest[moved].sum())
-        self._filter.step(self._exponent * log_evidence(self._log_table, symbols), self._exponent * log_rest)

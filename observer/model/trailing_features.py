@@ -60,7 +60,6 @@ class TrailingFeatures:
     def __init__(self, windows: Windows, rate_hz: float, channels: NDArray[np.bool_], biases: Floats32) -> None:
         self.windows, self._rate_hz, self._channels, self._biases = windows, rate_hz, channels, biases
         self._weights = [weights_of(own) for own in channels]
-        self._of_convolutions, self._of_postures = _averages(windows.convolutions), _averages(windows.postures)
         values = channels.shape[2]
         self.size = len(KERNELS) * len(windows.dilations) * len(windows.convolutions)
         self.size += 2 * values * (4 * len(windows.postures) + 1)
@@ -100,41 +99,6 @@ class TrailingFeatures:
         """Start watching a stream, row by row."""
         weights = np.array(self._weights).reshape(len(self._biases), -1, len(KERNELS))
         return TrailingWatch(self.windows, self._rate_hz, weights, self._biases)
-
-    def newest(self, rows: Floats32) -> Floats32:
-        """(F, 2 P + 3) trace -> (size,) the features of its last frame."""
-        recent = rows[-self.windows.history - 1 :]
-        missing = self.windows.history + 1 - len(recent)
-        if missing:
-            recent = np.concatenate([np.repeat(recent[:1], missing, axis=0), recent])
-        values, path = self._values(recent)
-        return np.concatenate([*self._newest_shares(path), values[-1], self._newest_statistics(values)])
-
-    def _newest_statistics(self, values: Floats32) -> Floats32:
-        """(F, C) -> for each trailing window the mean, least, greatest and standard deviation."""
-        lengths, newest = self.windows.postures, values[-1]
-        # Squares of differences from the newest are accurate for a person who is still.
-        shifted = values[-max(lengths) :] - newest
-        columns = shifted.shape[1]
-        moments = self._of_postures @ np.concatenate([shifted, np.square(shifted)], axis=1)
-        mean, squares = moments[:, :columns], moments[:, columns:]
-        spread = np.sqrt(np.maximum(squares - np.square(mean), 0.0))
-        # The windows are nested, the longest first: each is the one before and some earlier frames.
-        first = [max(lengths) - length for length in reversed(lengths)]
-        least, greatest = (
-            f.accumulate(f.reduceat(shifted, first, axis=0)[::-1], axis=0) for f in (np.minimum, np.maximum)
-        )
-        blocks = np.stack([mean, least, greatest, spread], axis=1)
-        blocks[:, :3] += newest
-        result: Floats32 = blocks.ravel()
-        return result
-
-    def _newest_shares(self, path: Floats32) -> Iterable[Floats32]:
-        longest = max(self.windows.convolutions)
-        for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
-            reach = (TAPS - 1) * dilation
-            above = _taps(path[-longest - reach :], dilation, longest) @ weights > biases
-            yield (self._of_convolutions @ above.astype(np.float32)).ravel()
 
     def _shares(self, path: Floats32, at: Integers) -> Iterable[Floats32]:
         for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
@@ -252,13 +216,6 @@ STORED = 4
 MOST_SHOWN = 48
 MOST_FRAMES = 100_000
 LEAST_BIAS = 1e-5
-
-
-def _averages(lengths: Sequence[int]) -> Floats32:
-    """(L, longest) weights of the means over the last frames, for each length."""
-    longest = max(lengths)
-    weights = [np.repeat([0.0, 1 / length], [longest - length, length]) for length in lengths]
-    return np.array(weights, np.float32)
 
 
 def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:

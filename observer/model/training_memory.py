@@ -1,4 +1,4 @@
-"""The examples and streams that a discriminative model keeps, so that it can be learned again with other movements.
+"""The examples and streams that a stacked model keeps, so that it can be learned again with other movements.
 
 They are stored as traces (`body_trace.py`), float32: 36 bytes a frame for hands and head. Pure.
 """

@@ -1,4 +1,4 @@
-"""Which windows of the training people's motion a discriminative model learns from, and what each shows. Pure.
+"""Which windows of the training people's motion the regressions learn from, and what each shows. Pure.
 
 Each example is shown between two rests: a person who stands as at its beginning, does it, and stands as at its end.
 Rests, the first part of a movement, means of two movements, and what people do between the movements of a continuous
@@ -107,6 +107,12 @@ def rows_of_streams(
             progress = (at[inside] - span.begin) / (span.end - span.begin)
             targets[inside] = targets_of(span.movement, np.clip(progress / RECOGNISABLE, 0, 1), movements)
         yield Rows(trace, at, targets, np.full(len(at), STREAM_WEIGHT, np.float32))
+
+
+def part_of(frames: int, part: tuple[int, int]) -> tuple[int, int]:
+    """Begin and end of a part of so many frames; part: (number, of all)."""
+    number, parts = part
+    return frames * number // parts, frames * (number + 1) // parts
 
 
 def targets_of(movement: int, shown: NDArray[np.floating], movements: int) -> Floats32:

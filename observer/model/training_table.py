@@ -1,23 +1,20 @@
-"""The features of all windows that a discriminative model learns from, computed once.
+"""The features of all windows that the regressions of a stacked model learn from, computed once.
 
-The model is learned from all rows. In cross-validation each fold's model is learned from the rows of other people, and
-judges those of the people left out. Which convolutions there are and their biases depend on no label: they are those
-of all examples in every fold.
+The model is learned from all rows. In cross-validation each fold's model is learned from the rows of other people.
+Which convolutions there are and their biases depend on no label: they are those of all examples in every fold.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Example, Header, Stream
 from observer.model.body_trace import extent
-from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
+from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
-from observer.model.something_else import ElseRows, log_odds_of
 from observer.model.trailing_features import TrailingFeatures, Windows
-from observer.model.training_rows import FRACTIONS, rows_of_examples, rows_of_streams
+from observer.model.training_rows import part_of, rows_of_examples, rows_of_streams
 from observer.tracks import Floats, Floats32
 
 Chosen = NDArray[np.bool_]
@@ -25,24 +22,8 @@ Chosen = NDArray[np.bool_]
 
 ENOUGH_EXAMPLES = 200
 """With fewer examples of movements each counts more: a penalty chosen for many leaves all answers equally likely."""
-SMALL_SHARE, RARELY = 0.4, 0.05
-"""What stays below SMALL_SHARE of the extent that all but this share of its examples reach is not the movement."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldOutMembers:
-    """What a model makes of an example of others: (10, M) logarithms in progress and (M,) at the end, not normalised.
-
-    The ten are after FRACTIONS of the movement.
-    """
-
-    running: NDArray[np.floating]
-    ended: NDArray[np.floating]
-
-    def after(self, shares: Sequence[float]) -> Floats:
-        """(T, M) after these shares of the movement, rounded to tenths; 1.0 is the end."""
-        tenths = [self.running[max(round(share * 10), 1) - 1] if share < 1 else self.ended for share in shares]
-        return np.array(tenths, np.float64)
+LEAST_EXTENT = 1e-3
+"""Body sizes: a movement that is shown without motion has some extent."""
 
 
 class TrainingTable:
@@ -57,8 +38,11 @@ class TrainingTable:
         traces_of_streams: Sequence[Floats32],
     ) -> None:
         self._header, self._examples, self._streams = header, examples, streams
+        self.traces, self.traces_of_streams = traces, traces_of_streams
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
-        self.longest, self.least_extents = max(own), _least_extents(examples, traces, header)
+        self.longest, self.extents = max(own), _usual_extents(examples, traces, header)
+        self.lengths = _usual_lengths(examples, traces, header.vocabulary.size)
+        self.usual_posture = _usual_posture(traces)
         self._few = max(1.0, ENOUGH_EXAMPLES / len(own))
         windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
         seed, movements = int(header.parameters["seed"]), header.vocabulary.size
@@ -71,12 +55,15 @@ class TrainingTable:
         self._segments = SegmentTable.of(examples, traces, int(header.parameters["kernels"]), seed)
 
     def learn(
-        self, left_out: Sequence[int] = (), iterations: int = ITERATIONS
+        self, left_out: Sequence[int] = (), iterations: int = ITERATIONS, part: tuple[int, int] | None = None
     ) -> tuple[LogisticRegression, SegmentClassifier]:
-        """Both classifiers, without the examples left out."""
+        """Both classifiers, without the examples left out.
+
+        part: which part, of how many, of the streams of people who show no example is left out too; None: nothing.
+        """
         parameters, gone = self._header.parameters, set(left_out)
         of_examples = [np.full(len(r.at), not gone & set(r.examples)) for r in self._rows]
-        chosen = np.concatenate([*of_examples, *self._stream_rows_apart(gone)])
+        chosen = np.concatenate([*of_examples, *self._stream_rows_apart(gone, part)])
         trailing = LogisticRegression.learn(
             self._features[chosen],
             self._targets[chosen],
@@ -88,9 +75,9 @@ class TrainingTable:
         movements = self._header.vocabulary.size
         return trailing, self._segments.learn(others, movements, parameters["inverse_penalty"] * self._few, iterations)
 
-    def _stream_rows_apart(self, gone: set[int]) -> list[Chosen]:
+    def _stream_rows_apart(self, gone: set[int], part: tuple[int, int] | None) -> list[Chosen]:
         """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""
-        people = self._people_only_in(gone)
+        people, shown = self._people_only_in(gone), {e.subject for e in self._examples}
         spans = {(e.subject, e.trial, e.movement) for e in (self._examples[n] for n in gone)}
         result = []
         for stream, rows in zip(self._streams, self._of_streams, strict=True):
@@ -98,49 +85,34 @@ class TrainingTable:
             for span in stream.spans:
                 if (stream.subject, span.trial, span.movement) in spans:
                     chosen &= (rows.at < span.begin) | (rows.at >= span.end)
+            if part is not None and stream.subject not in shown:
+                begin, end = part_of(stream.frames, part)
+                chosen &= (rows.at < begin) | (rows.at >= end)
             result.append(chosen)
         return result
-
-    def held_out(self, left_out: Sequence[int]) -> tuple[dict[int, HeldOutMembers], ElseRows]:
-        """For each of these examples what a model of all others makes of it; none for movements of the background.
-
-        And how likely it takes something else to be, in the rows of these examples and of their people's streams.
-        """
-        trailing, segments = self.learn(left_out, FEW_ITERATIONS)
-        ends = np.cumsum([0, *(len(r.at) for r in self._rows)])
-        first = {r.examples[0]: begin for r, begin in zip(self._rows, ends, strict=False) if len(r.examples) == 1}
-        result = {}
-        for n in left_out:
-            if self._examples[n].movement >= 0:
-                # The first row is the movement's first frame.
-                rows = self._features[first[n] + 1 : first[n] + 1 + len(FRACTIONS)]
-                windows = self._segments.features[self._segments.example_of == n]
-                of_trailing = trailing.log_probabilities(rows)[:, :-1]
-                of_trailing -= np.logaddexp.reduce(of_trailing, axis=1, keepdims=True)
-                running = (of_trailing + segments.log_posterior_of(windows, ended=False)) / 2
-                result[n] = HeldOutMembers(running, segments.log_posterior_of(windows[-1], ended=True))
-        return result, self._else_rows(trailing, set(left_out))
-
-    def _else_rows(self, trailing: LogisticRegression, gone: set[int]) -> ElseRows:
-        """Without blends: they are like movements on purpose."""
-        people = self._people_only_in(gone)
-        shown = [len(r.examples) == 1 and r.examples[0] in gone for r in self._rows]
-        shown += [stream.subject in people for stream in self._streams]
-        chosen = np.repeat(shown, [len(r.at) for r in (*self._rows, *self._of_streams)])
-        log_answers = trailing.log_probabilities(self._features[chosen]).astype(np.float64)
-        targets, weights = (values[chosen].astype(np.float64) for values in (self._targets[:, -1], self._weights))
-        return ElseRows(log_odds_of(log_answers), targets, weights)
 
     def _people_only_in(self, gone: set[int]) -> set[str]:
         people = {self._examples[n].subject for n in gone}
         return people - {e.subject for n, e in enumerate(self._examples) if n not in gone}
 
 
-def _least_extents(examples: Sequence[Example], traces: Sequence[Floats32], header: Header) -> Floats:
-    """(M,) body sizes within EXTENT_S: what goes less far is not the movement."""
+def _usual_extents(examples: Sequence[Example], traces: Sequence[Floats32], header: Header) -> Floats:
+    """(M,) median over a movement's examples of how far the farthest part goes within EXTENT_S, body sizes."""
     largest = [
         (e.movement, max(extent(trace[: n + 1], header.rate_hz) for n in range(len(trace))))
         for e, trace in zip(examples, traces, strict=True)
     ]
     of_each = ([size for movement, size in largest if movement == m] for m in range(header.vocabulary.size))
-    return np.array([SMALL_SHARE * np.quantile(sizes, RARELY) for sizes in of_each])
+    return np.array([max(float(np.median(sizes)), LEAST_EXTENT) for sizes in of_each])
+
+
+def _usual_lengths(examples: Sequence[Example], traces: Sequence[Floats32], movements: int) -> Floats:
+    """(M,) median frames of a movement's examples."""
+    lengths = [(e.movement, len(trace)) for e, trace in zip(examples, traces, strict=True)]
+    return np.array([np.median([n for movement, n in lengths if movement == m]) for m in range(movements)])
+
+
+def _usual_posture(traces: Sequence[Floats32]) -> Floats32:
+    """(2 P,) mean places of the parts relative to the body."""
+    mean: Floats32 = np.concatenate([trace[:, :-3] for trace in traces]).mean(axis=0).astype(np.float32)
+    return mean

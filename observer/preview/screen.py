@@ -21,6 +21,7 @@ from observer.runtime.service import ObserverLike
 from observer.tracks import Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
+    from common.message_types import BodyRegionShares
     from common.vocabulary import Vocabulary
     from observer.runtime.prepared_tracker import PreparedTracker
 
@@ -144,6 +145,11 @@ class PreviewingObserver:
     def vocabulary(self) -> "Vocabulary | None":
         """The vocabulary of the observer."""
         return self._observer.vocabulary
+
+    @property
+    def leans_on(self) -> "BodyRegionShares | None":
+        """What the observer's model leans on."""
+        return self._observer.leans_on
 
     @property
     def complaint(self) -> str:

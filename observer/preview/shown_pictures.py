@@ -22,6 +22,7 @@ from observer.tracks import Floats, Frame, Tracks
 
 if TYPE_CHECKING:
     from common.link import Link
+    from common.message_types import BodyRegionShares
     from common.vocabulary import Vocabulary
     from observer.runtime.prepared_tracker import PreparedTracker
 
@@ -91,6 +92,11 @@ class PicturedObserver:
     def vocabulary(self) -> "Vocabulary | None":
         """The vocabulary of the observer."""
         return self._observer.vocabulary
+
+    @property
+    def leans_on(self) -> "BodyRegionShares | None":
+        """What the observer's model leans on."""
+        return self._observer.leans_on
 
     @property
     def complaint(self) -> str:

@@ -22,6 +22,7 @@ from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset, end_movement, take_in
+from observer.model.leaning import region_shares
 from observer.model.posterior_calibration import calibrated_posterior
 from observer.motion.even_rate import INTERVALS, is_bridged, usual_interval_s
 from observer.tracks import Floats, Frame, Tracker, Tracks
@@ -134,7 +135,7 @@ class Observer:
         self._ended = False
         self._calibration = model.header.calibration
         self.vocabulary: Vocabulary = model.header.vocabulary
-        self.body_parts = model.header.body_parts
+        self.body_parts, self.leans_on = model.header.body_parts, region_shares(model.header)
         self._frames = 0
         self.tracks: Tracks | None = None
 

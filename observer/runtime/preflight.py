@@ -143,7 +143,11 @@ def _check_model(
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
     lacking = [part for part in header.body_parts if finds and part not in finds]
     if lacking:
-        (result.doubts if model.FEWER_PARTS else result.faults).append(lacking_parts(lacking, finds))
+        line = lacking_parts(lacking, finds)
+        if model.FEWER_PARTS and len(lacking) < len(header.body_parts):
+            result.doubts.append(f"{line}; as it is, the model judges by the others")
+        else:
+            result.faults.append(line)
     if view and not view.has_place and (section.place, section.facing) != (None, None):
         result.doubts.append(f"place, facing: only for camera files; view = {section.view!r} is none and ignores them")
     person = person_in(scene, result.observer, view) if view else None

@@ -15,6 +15,7 @@ from common.health import ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
 from common.link import Link, Publisher
 from common.load import LoadMeter
+from common.message_types import BodyRegionShares
 from common.messages import ProcessState, StatusMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
@@ -112,6 +113,10 @@ class ObserverLike(Protocol):
         """The movements of its model, which may change between two steps; None while it has no model."""
 
     @property
+    def leans_on(self) -> BodyRegionShares | None:
+        """The regions of the body that its model leans on; None if unknown."""
+
+    @property
     def complaint(self) -> str:
         """Why the tracker finds little in the pictures, or that it is too slow, and what to do; "" if all is well."""
 
@@ -132,6 +137,11 @@ class MeteredObserver:
     def vocabulary(self) -> Vocabulary | None:
         """The vocabulary of the observer."""
         return self._observer.vocabulary
+
+    @property
+    def leans_on(self) -> BodyRegionShares | None:
+        """What the observer's model leans on."""
+        return self._observer.leans_on
 
     @property
     def complaint(self) -> str:
@@ -183,6 +193,7 @@ def serve(
             begun_s = time.monotonic()
             posterior = observer.step(frame)
             publisher.follow(observer.vocabulary)
+            status.leans_on = observer.leans_on
             now_ns = clock()
             sent = posterior is not None and publisher.publish(posterior, frame.captured_ns, now_ns)
             age_s = (now_ns - frame.captured_ns) / SECOND_NS

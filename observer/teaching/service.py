@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from common.config import MODELS, Scene
 from common.errors import LabanmeshError
+from common.message_types import BodyRegionShares
 from common.subsession import SubSession
 from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
@@ -60,6 +61,11 @@ class TeachableObserver:
     def vocabulary(self) -> Vocabulary | None:
         """The movements of the model in force."""
         return None if self._observer is None else self._observer.vocabulary
+
+    @property
+    def leans_on(self) -> BodyRegionShares | None:
+        """What the model in force leans on."""
+        return None if self._observer is None else self._observer.leans_on
 
     @property
     def complaint(self) -> str:

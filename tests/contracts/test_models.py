@@ -17,7 +17,7 @@ from observer.model.registry import MODELS, model_named
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import ProjectedTracker, frames_of, view_tracks
 from observer.runtime.pipeline import Observer
-from observer.tracks import BODY_PARTS, Frame
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame
 
 KINDS = list(MODELS)
 VOCABULARY = Vocabulary(("circle", "raise", "wave"))
@@ -81,6 +81,43 @@ def test_facings_and_predictive_likelihood_fit_the_posterior(model):
             assert watch.unlearned.shape == (1,) and 0 <= watch.unlearned[0] <= 1
         else:
             assert watch.unlearned is None, "it learned nothing but its movements"
+
+
+def whole_body(label, subject):
+    """The same person with all fifteen parts, of which only the right hand and elbow move."""
+    hands = move(label, subject).positions
+    left, right, head = hands[:, 0], hands[:, 1], hands[:, 2]
+    standing = {
+        "left_shoulder": (-0.2, -0.2), "right_shoulder": (0.2, -0.2), "left_elbow": (-0.25, -0.4), "neck": (0, -0.15),
+        "pelvis": (0, -0.7), "left_hip": (-0.1, -0.7), "right_hip": (0.1, -0.7), "left_knee": (-0.1, -1.1),
+        "right_knee": (0.1, -1.1), "left_foot": (-0.1, -1.5), "right_foot": (0.1, -1.5),
+    }  # fmt: skip
+    size, noise = 1 + 0.1 * subject, np.random.default_rng([7, subject])
+    places = {part: np.array([*place, 0.0]) * size for part, place in standing.items()}
+    known = {"left_hand": left, "right_hand": right, "head": head}
+    known["right_elbow"] = (right + places["right_shoulder"]) / 2
+    positions = np.stack([known.get(part, places.get(part, 0)) + np.zeros_like(head) for part in WHOLE_BODY], axis=1)
+    positions = positions + noise.normal(0, 0.004, positions.shape)
+    return Recording(positions.astype(np.float32), 15.0, label, str(subject), "1")
+
+
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if MODELS[kind].FEWER_PARTS])
+def test_a_model_of_fifteen_parts_works_on_with_hands_and_head(kind):
+    people = tuple(whole_body(label, s) for label in VOCABULARY.labels for s in range(4))
+    parameters = {"kernels": 336.0} if kind == "stacked" else {}
+    model = learn_view(MotionArchive(WHOLE_BODY, people), DOOR, VOCABULARY, kind=kind, parameters=parameters)
+    assert model.header.body_parts == WHOLE_BODY
+    for label in VOCABULARY.labels:
+        shown = whole_body(label, 5)
+        tracker = ProjectedTracker(DOOR, WHOLE_BODY, WHOLE_BODY)
+        for hidden_from in (0, len(shown.positions) // 3, len(shown.positions)):
+            observer = Observer(tracker, model, Onset(True, len(shown.positions)))
+            for number, frame in enumerate(frames_of(shown)):
+                points = frame.content.copy()
+                points[len(BODY_PARTS) if number >= hidden_from else len(points) :] = np.nan
+                posterior = observer.step(Frame(frame.captured_ns, points))
+            assert posterior.p.sum() == pytest.approx(1)
+            assert VOCABULARY.labels[posterior.p.argmax()] == label, hidden_from
 
 
 def test_each_watch_starts_from_the_prior(model):
@@ -175,7 +212,7 @@ def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
 def test_a_model_file_of_an_earlier_version_lacks_what_was_added_since(model, tmp_path):
     added = {name: p.earlier for name, p in model.PARAMETERS.items() if p.earlier is not None}
     write_model(path := tmp_path / "a.model", model)
-    rewritten(path, lambda document: [document["parameters"].pop(name) for name in added], ["confusions"])
+    rewritten(path, lambda document: [document["parameters"].pop(name) for name in added])
     again = read_model(path)
     assert again.header.parameters == {**model.header.parameters, **added}
     assert all(posterior.p.min() >= 0 for posterior in watched(again, move("wave", 6), Onset(True, 45)))
@@ -233,12 +270,40 @@ def test_a_damaged_model_file_is_one_clear_line(model, tmp_path, damage):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("change", [lambda a: a + 1, lambda a: a[1:], with_nan])
-def test_a_stacked_model_whose_confusions_are_damaged_is_one_clear_line(archive, tmp_path, change):
+@pytest.mark.parametrize("name", ["stacker_weights", "stacker_other"])
+@pytest.mark.parametrize("change", [lambda a: a[1:], with_nan], ids=["other shape", "NaN"])
+def test_a_stacked_model_whose_weights_are_damaged_is_one_clear_line(archive, tmp_path, name, change):
     write_model(path := tmp_path / "a.model", learn_view(archive, DOOR, VOCABULARY, kind="stacked", calibrate=False))
-    rewritten(path, confusions=change)
-    with pytest.raises(BadInput, match=r"a\.model: .*confusions.*learn it again"):
+    rewritten(path, **{name: change})
+    with pytest.raises(BadInput, match=r"a\.model: .*stacker weights.*learn it again"):
         read_model(path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"without": ["stacker_weights", "usual_posture"]}, "of another version of labanmesh, or damaged: it lacks"),
+        (
+            {"header_changes": lambda h: h.update(kind="discriminative")},
+            "model kind 'discriminative' is unknown",
+        ),
+        ({"header_changes": lambda h: h.update(kind="phase-symbols")}, "model kind 'phase-symbols' is unknown"),
+    ],
+    ids=["stacked", "discriminative", "phase-symbols"],
+)
+def test_a_model_of_the_version_before_is_refused_with_the_command_that_learns_it(archive, tmp_path, changes, line):
+    write_model(path := tmp_path / "a.model", learn_view(archive, DOOR, VOCABULARY, kind="stacked", calibrate=False))
+    rewritten(path, **changes)
+    with pytest.raises(BadInput, match=rf"a\.model: {line}.*; learn it again\Z"):
+        read_model(path)
+    for archive_name, view, command in (
+        ("msr.npz", "yaw:45", r"learn it again: labanmesh learn msr\.npz --view yaw:45 -o .*a\.model"),
+        ("sofa.npz", "camera:sofa", r"learn it again: labanmesh learn sofa\.npz -o .*a\.model"),
+        ("\x1b[2J.npz", "door", "learn it again"),
+    ):
+        rewritten(path, lambda h, own=archive_name, v=view: h.update(provenance={"archive": own}, view=v))
+        with pytest.raises(BadInput, match=rf"a\.model: {line}.*; {command}\Z"):
+            read_model(path)
 
 
 def test_a_model_file_with_too_many_facings_is_one_clear_line(archive, tmp_path):

@@ -98,9 +98,7 @@ def test_what_cannot_be_learned_is_one_line_and_exit_2(run, archive, tmp_path, w
         ("phase", "fast=nan", "parameter fast = nan: a number from 1e-06 to 1e+06 is expected"),
         ("phase", "facings=1.5", "facings = 1.5: a whole number from 1 to 72 is expected"),
         ("phase", "fats=1", "parameter 'fats': not of the model phase; did you mean fast?"),
-        ("phase-symbols", "slowest=0", "parameter slowest = 0: a number from 0.01 to 100 is expected"),
-        ("phase-symbols", "slowest=3", "parameter fastest = 2: a number not below slowest = 3 is expected"),
-        ("phase-symbols", "phases=0", "parameter phases = 0: a whole number from 1 to 1000 is expected"),
+        ("stacked", "kernels=10", "parameter kernels = 10: a whole number from 84 to 20000 is expected"),
         ("frame-table", "bins=inf", "parameter bins = inf: a whole number from 1 to 1000 is expected"),
     ],
 )

@@ -40,13 +40,13 @@ def telling(archive, subject, rate_hz=15.0):
     return Recording(positions, rate_hz, "", subject, "1")
 
 
-ASKED = settings(leave_one_subject_out=False, train_subjects=("1", "2"))
+ASKED = settings(leave_one_subject_out=False, train_subjects=("1", "2"), model="phase")
 
 
 def test_several_processes_give_the_same_result_as_one(archive):
     """With streams and other motion, and before calibration."""
     other = (perform_continuously("4", ("byebye",), seed=2),)
-    asked = replace(ASKED, other_motion=other, train_subjects=("1",), model="phase")
+    asked = replace(ASKED, other_motion=other, train_subjects=("1",))
     extent = Extent(streams=True, raw=True)
     one, two = (observe_folds(archive, asked, extent, jobs=jobs) for jobs in (1, 2))
     for raw in (False, True):

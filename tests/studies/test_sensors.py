@@ -169,14 +169,14 @@ WIDE = ("left_hand", "right_hand", "head", "left_foot")
 @pytest.mark.parametrize(
     ("named", "recorded", "parts"),
     [
-        ((), WIDE, WIDE[:3]),
+        ((), WIDE, WIDE),
         ((), (*WIDE[:2], "neck"), (*WIDE[:2], "neck")),
         (("all",), WIDE, WIDE),
         (("left_foot", "head"), WIDE, ("left_foot", "head")),
     ],
-    ids=["hands and head", "no head", "all", "named"],
+    ids=["default", "no head", "all", "named"],
 )
-def test_an_evaluation_reads_hands_and_head_unless_told_otherwise(archive, tmp_path, named, recorded, parts):
+def test_an_evaluation_reads_all_parts_unless_told_otherwise(archive, tmp_path, named, recorded, parts):
     positions = (np.concatenate([r.positions, r.positions[:, :1] - 1], axis=1) for r in archive.recordings)
     rows = [WIDE.index(part) if part in WIDE else 2 for part in recorded]
     wide = [dataclasses.replace(r, positions=p[:, rows]) for r, p in zip(archive.recordings, positions, strict=True)]

@@ -50,10 +50,9 @@ class BatchSpy(Spy):
 
     SEEN: list[tuple[float, CrossValidation]] = []  # noqa: RUF012 - for the test to read
 
-    @classmethod
-    def cross_validated(cls, header, cross_validation):
-        cls.SEEN.append((header.parameters["facings"], cross_validation))
-        return LearnedFromOthers({}, [])
+    def cross_validated(self, cross_validation):
+        self.SEEN.append((self.header.parameters["facings"], cross_validation))
+        return LearnedFromOthers([])
 
 
 class SpyWatch:
@@ -186,20 +185,4 @@ def test_calibration_leaves_the_model_unchanged():
     # The spy's posterior is uniform, and argmax takes the first.
     provenance = dict(calibrated.header.provenance)
     assert json.loads(provenance.pop("held_out")) == {"bow": {"bow": 10}, "lunge": {"bow": 10}}
-    assert provenance == {"given": "", "tried": "20", "right": "10"}
-
-
-@pytest.mark.parametrize(
-    ("people", "across"),
-    [("ab", True), ("abcde", True), ("a", False)],
-)
-def test_folds_of_one_person_tell_nothing_about_other_people(people, across):
-    with_calibration(BatchSpy, BatchSpy(header(), None), examples(people, facings=1))
-    [(_, cross_validation)] = BatchSpy.SEEN
-    assert cross_validation.across_people == across
-
-
-def test_a_person_who_is_left_out_in_part_is_no_other_person():
-    shown = [example("a", "1", 0), example("b", "1", 0), example("b", "1", 1)]
-    assert not CrossValidation(shown, (), [[0], [1]], (), (1.0,)).across_people
-    assert CrossValidation(shown, (), [[0], [1, 2]], (), (1.0,)).across_people
+    assert provenance == {"tried": "20", "right": "10"}

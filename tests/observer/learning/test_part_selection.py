@@ -5,7 +5,7 @@ import pytest
 
 from observer.learning.part_selection import parts_to_learn
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
-from observer.tracks import BODY_PARTS, WHOLE_BODY
+from observer.tracks import WHOLE_BODY
 
 STANDING = np.array(
     [[280, 300], [360, 300], [320, 100], [270, 240], [370, 240], [290, 180], [350, 180], [320, 160], [320, 320],
@@ -24,13 +24,14 @@ def take(label, kick=0.0, feet_seen=1.0, trial="1"):
 @pytest.mark.parametrize(
     ("takes", "read"),
     [
-        ([take("wave"), take("point"), take("", kick=200)], BODY_PARTS),
-        ([take("wave"), take("kick", kick=200)], (*BODY_PARTS, "right_foot")),
-        ([take("wave", feet_seen=0.3), take("kick", kick=200)], BODY_PARTS),
-        ([take("wave"), take("kick", kick=200), take("kick", trial="2"), take("kick", trial="3")], BODY_PARTS),
+        ([take("wave"), take("point"), take("", kick=200)], WHOLE_BODY),
+        ([take("wave"), take("kick", kick=200)], WHOLE_BODY),
+        ([take("wave", feet_seen=0.3), take("kick", kick=200)], WHOLE_BODY[:13]),
+        ([take("wave", feet_seen=0.6), take("kick", kick=200)], WHOLE_BODY),
+        ([take("wave"), take("", feet_seen=0.0)], WHOLE_BODY),
     ],
 )
-def test_hands_and_head_and_the_feet_that_are_seen_and_move(takes, read):
+def test_all_parts_that_are_seen_in_half_of_every_movement(takes, read):
     assert parts_to_learn(MotionArchive(WHOLE_BODY, tuple(takes), TracksCamera("sofa"))) == read
 
 

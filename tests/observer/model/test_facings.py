@@ -32,12 +32,13 @@ def people():
 
 @pytest.fixture(scope="module")
 def model_of(people):
-    """Models of two people by number of facings and kind."""
+    """Models of two people by number of facings and kind; the stacker learns how far to trust the phase filter."""
 
     @cache
     def model(facings, kind="phase"):
         two, parameters = select(people, ("1", "2")), {"facings": float(facings)}
-        return learn_view(two, DOOR, Vocabulary(LABELS), kind=kind, parameters=parameters, calibrate=False)
+        calibrate = kind == "stacked"
+        return learn_view(two, DOOR, Vocabulary(LABELS), kind=kind, parameters=parameters, calibrate=calibrate)
 
     return model
 

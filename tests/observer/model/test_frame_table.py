@@ -7,20 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.vocabulary import Vocabulary
-from observer.features import SpaceReader
-from observer.filtering.phase_filter import PhaseFilter
-from observer.model.base import Header, Onset, with_defaults
-from observer.model.symbol_tables import (
-    SYMBOLS,
-    FrameClock,
-    PhaseSymbols,
-    bin_indices,
-    learn_table,
-    log_evidence,
-    tempo_dynamics,
-)
-from observer.tracks import BODY_PARTS, Tracks
+from observer.filtering.phase_filter import Dynamics, PhaseFilter
+from observer.model.symbol_tables import SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
 
 
 def random_table(rng, movements, bins, parts):
@@ -34,17 +22,6 @@ def test_counting_by_hand_with_dirichlet_smoothing():
     assert table[0, 0, :, 1] == pytest.approx([(2 + 0.5) / (2 + 4.5), 0.5 / (1 + 4.5)])
     assert table[0, 1, 0, 0] == pytest.approx((1 + 0.5) / (1 + 4.5))  # NOT_SEEN was not counted
     assert table.sum(-1) == pytest.approx(np.ones((1, 2, 2)))
-
-
-def test_bins_borrow_counts_from_their_neighbours():
-    symbols = np.array([[0], [0], [1], [1], [2], [2]])
-    paper = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1))
-    borrowed = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=2.0))
-    assert np.allclose(borrowed.sum(axis=-1), 1)
-    # By hand: the middle bin counts 2 of symbol 1 and .1 of each; beside it are 2 of symbols 0 and 2 each.
-    assert borrowed[0, 1, 0, 1] == pytest.approx((2.1 + 2 * 0.1 / 4.9) / (2.9 + 2))
-    assert borrowed[0, 1, 0, 0] == pytest.approx((0.1 + 2 * 2.1 / 4.9) / (2.9 + 2))
-    assert (np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=0.0)) == paper).all()
 
 
 def test_symbols_without_counts_are_uniform():
@@ -89,7 +66,10 @@ def test_the_phase_filter_with_one_speed_equals_the_frame_table(seed, frames):
     rng = np.random.default_rng(seed)
     movements, phases, parts = 4, 12, 3
     table = np.log(random_table(rng, movements, phases, parts))
-    one_phase_a_frame = tempo_dynamics(1.0, {"speeds": 1, "slowest": 1, "fastest": 1, "begin": 0.1, "forget": 0.1})
+    one = np.ones(1)
+    one_phase_a_frame = Dynamics(
+        steps=np.array([[0.0, 1.0]]), speeds=one, jitter=np.eye(1), entry=one, begin=0.1, forget=0.1
+    )
     belief = PhaseFilter(np.arange(movements), phases, np.full(movements, 1 / movements), one_phase_a_frame, True)
     clock = FrameClock(movements, phases, frames=phases)
     for symbols in rng.integers(-1, SYMBOLS, size=(frames, parts)).astype(np.int8):
@@ -109,27 +89,3 @@ def test_impossible_symbols_leave_a_distribution():
     clock = FrameClock(2, 1, 1)
     clock.condition(np.array([0.0, -np.inf]))
     assert clock.p == pytest.approx([1, 0])
-
-
-def test_phase_symbols_is_the_phase_filter_with_tempered_evidence_of_visible_parts():
-    rng = np.random.default_rng(3)
-    header = Header(
-        "phase-symbols", Vocabulary(("one", "two")), "door", np.eye(3, 4), 15.0, BODY_PARTS, {"phases": 4.0}
-    )
-    header = with_defaults(header, PhaseSymbols.PARAMETERS)
-    temperature, threshold = (header.parameters[name] for name in ("temperature", "threshold"))
-    table = np.log(random_table(rng, 2, 4, 3))
-    watch, reader = PhaseSymbols(header, table, 6.0).watch(Onset()), SpaceReader(BODY_PARTS, threshold)
-    oracle = PhaseFilter(np.arange(2), 4, np.full(2, 0.5), tempo_dynamics(4 / 6.0, header.parameters), False)
-    centres = np.cumsum(rng.normal(0, 4, (12, 3, 2)), axis=0) + np.array([[-30, 90], [30, 90], [0, 0]])
-    centres[5, 1] = np.nan
-    for frame in centres:
-        watch.update(Tracks(frame))
-        symbols = reader.update(Tracks(frame))
-        if (symbols < 0).all():
-            oracle.step_blind()
-        else:
-            # At rest a part is still (O) with probability .9; the other eight symbols share the remainder.
-            log_rest = sum(np.log(0.9 if symbol == 0 else 0.1 / 8) for symbol in symbols if symbol >= 0)
-            oracle.step(log_evidence(table, symbols) / temperature, log_rest / temperature)
-        assert watch.p == pytest.approx(oracle.p, abs=1e-12) and watch.rest == pytest.approx(oracle.rest, abs=1e-12)

@@ -61,12 +61,6 @@ def vars_of(header):
     return {name: getattr(header, name) for name in header.__dataclass_fields__}
 
 
-def test_the_fastest_is_not_slower_than_the_slowest():
-    header = Header("phase-symbols", VOCABULARY, "door", np.eye(3, 4), 15.0, BODY_PARTS, {"slowest": 3.0})
-    with pytest.raises(BadInput, match="parameter fastest = 2: a number not below slowest = 3 is expected"):
-        with_defaults(header, MODELS["phase-symbols"].PARAMETERS)
-
-
 @pytest.fixture(scope="module")
 def learned():
     """Recordings, and the arrays of a model file of each kind."""
@@ -117,15 +111,19 @@ DAMAGE = [
     ("phase", "chains", lambda a: np.full_like(a, np.nan)),
     ("phase", "movement_of", lambda a: a + 1000),
     ("phase", "facing_of", lambda a: a * 0 - 5),
-    ("phase-symbols", "log_table", lambda a: a * 0 + 1e308),
-    ("phase-symbols", "mean_frames", lambda a: a * 0 + 1e-320),
     ("frame-table", "log_table", lambda a: a * np.nan),
+    ("frame-table", "log_table", lambda a: a * 0 + 1e308),
+    ("frame-table", "mean_frames", lambda a: a * 0 + 1e-320),
     ("stacked", "rocket_length", lambda a: a * 0 + 2**62),
     ("stacked", "rocket_channels", lambda a: a[:-1]),
     ("stacked", "rocket_biases", lambda a: a[:84]),
     ("stacked", "running_weights", lambda a: a * np.inf),
     ("stacked", "take_scales", lambda a: a * 0),
-    ("stacked", "confusions", lambda a: a * np.nan),
+    ("stacked", "stacker_weights", lambda a: a * np.nan),
+    ("stacked", "stacker_other", lambda a: a[1:]),
+    ("stacked", "usual_posture", lambda a: a[1:]),
+    ("stacked", "lengths", lambda a: a * 0),
+    ("stacked", "extents", lambda a: a * -1),
     ("stacked", "example_traces", lambda a: a * np.nan),
     ("stacked", "example_lengths", lambda a: np.full_like(a, 2**31 - 1)),
     ("stacked", "chains", lambda a: np.array([{}], dtype=object)),

@@ -25,17 +25,17 @@ def features_learned():
     return TrailingFeatures.learn(Windows.of(RATE_HZ, 2.0), RATE_HZ, traces)
 
 
+def newest(features, rows):
+    """(size,) the features of the last row."""
+    watch = features.watch()
+    for row in rows:
+        watch.update(row)
+    return watch.features()
+
+
 @pytest.fixture(scope="module")
 def features():
     return features_learned()
-
-
-def test_the_newest_of_a_stream_are_those_of_the_whole_recording(features):
-    rows = read_trace(PARTS, RATE_HZ, recording(9, frames=200))
-    at = np.arange(len(rows))
-    streamed = np.array([features.newest(rows[: n + 1]) for n in at])
-    np.testing.assert_allclose(streamed, features.of(rows, at), atol=2e-5)
-    assert streamed.shape[1] == features.size
 
 
 @pytest.mark.parametrize("rate_hz", [15.0, 30.0])
@@ -52,7 +52,7 @@ def test_features_hold_velocities_per_fifteenth_of_a_second_and_statistics_of_tr
     for length in (2, 7):
         last = values[-length:]
         expected += [last.mean(axis=0), last.min(axis=0), last.max(axis=0), last.std(axis=0)]
-    np.testing.assert_allclose(own.newest(rows)[84:], np.concatenate(expected), atol=1e-4)
+    np.testing.assert_allclose(own.of(rows, np.array([len(rows) - 1]))[0, 84:], np.concatenate(expected), atol=1e-4)
 
 
 @pytest.mark.parametrize("rate_hz", [8.0, 12.5, 15.0, 30.0])
@@ -73,14 +73,14 @@ def test_a_watch_has_the_features_of_the_whole_recording_at_any_rate(rate_hz):
 def test_only_as_many_rows_as_the_history_says_are_needed(features):
     rows = read_trace(PARTS, RATE_HZ, recording(9, frames=200))
     recent = rows[-features.windows.history - 1 :]
-    np.testing.assert_array_equal(features.newest(recent), features.newest(rows))
+    np.testing.assert_allclose(newest(features, recent), newest(features, rows), atol=2e-5)
 
 
 @pytest.mark.parametrize(("at", "size"), [((40.0, -7.0), 1.0), ((0.0, 0.0), 250.0), ((320.0, 240.0), 90.0)])
 def test_where_and_how_large_the_person_is_does_not_matter(features, at, size):
     rows, moved = (read_trace(PARTS, RATE_HZ, recording(5, at=p, size=s)) for p, s in (((0, 0), 1.0), (at, size)))
     np.testing.assert_allclose(moved[:, :-1], rows[:, :-1], atol=1e-4)
-    np.testing.assert_allclose(features.newest(moved), features.newest(rows), atol=0.02)
+    np.testing.assert_allclose(newest(features, moved), newest(features, rows), atol=0.02)
 
 
 def test_a_hidden_part_keeps_its_place_and_the_others_go_on():
@@ -157,6 +157,6 @@ def test_before_the_first_sight_a_trace_is_still():
 def test_stored_features_are_the_same(features):
     stored = TrailingFeatures.from_arrays(features.as_arrays(), RATE_HZ, len(PARTS))
     rows = read_trace(PARTS, RATE_HZ, recording(7))
-    np.testing.assert_array_equal(stored.newest(rows), features.newest(rows))
+    np.testing.assert_array_equal(newest(stored, rows), newest(features, rows))
     with pytest.raises(ValueError, match="do not fit 3 parts"):
         TrailingFeatures.from_arrays(features.as_arrays(), RATE_HZ, 3)

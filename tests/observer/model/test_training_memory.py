@@ -82,24 +82,21 @@ def equal(one, other):
     return all(np.array_equal(values, other.arrays()[name]) for name, values in one.arrays().items())
 
 
-@pytest.mark.parametrize("kind", ["discriminative", "stacked"])
-def test_forgetting_equals_not_having_learned_also_with_streams(people, kind):
+def test_forgetting_equals_not_having_learned_also_with_streams(people):
     continuous = perform_continuously("1", ("ok", "shake", "lunging"), seed=3)
     both = MotionArchive(people.body_parts, (*people.recordings, continuous))
-    learned = learn_view(both, DOOR, Vocabulary(("ok", "lunging", "shake")), kind=kind, calibrate=False)
+    learned = learn_view(both, DOOR, Vocabulary(("ok", "lunging", "shake")), calibrate=False)
     smaller = remove_movements(learned, ("lunging",))
-    wanted = learn_view(both, DOOR, Vocabulary(("ok", "shake")), kind=kind, calibrate=False)
+    wanted = learn_view(both, DOOR, Vocabulary(("ok", "shake")), calibrate=False)
     assert smaller.arrays()["stream_lengths"].tolist() == wanted.arrays()["stream_lengths"].tolist()
     assert smaller.header.vocabulary == wanted.header.vocabulary and not equal(learned, smaller)
 
 
-@pytest.mark.parametrize("kind", ["discriminative", "stacked"])
-def test_a_movement_of_the_background_can_be_promoted(people, kind):
+def test_a_movement_of_the_background_can_be_promoted(people):
     learned = learn_view(
         of(people, "ok", "shake"),
         DOOR,
         Vocabulary(("ok", "shake")),
-        kind=kind,
         calibrate=False,
         background=of(people, "lunging"),
     )

@@ -1,14 +1,11 @@
-"""What discriminative models learn from, and that evaluating a fold at once gives what watching its examples gives."""
+"""What the regressions learn from, and what the stacker learns from: people of whom the members know nothing."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from common.probability import softmax
 from common.vocabulary import Vocabulary
-from observer.geometry.views import parse_view
-from observer.learning.learn import learn_view
 from observer.model.base import (
     Example,
     Header,
@@ -21,20 +18,19 @@ from observer.model.base import (
 )
 from observer.model.body_trace import extent, places_and_differences
 from observer.model.cross_validation import CrossValidation
-from observer.model.discriminative import Discriminative
+from observer.model.held_out import STRANGE_FROM, Watched, rows_of_fold, stacker_rows, streams_left_out
 from observer.model.logistic import LogisticRegression
-from observer.model.stack_exponents import ENDED, RUNNING
 from observer.model.stacked import Stacked
+from observer.model.stacker import LOWEST
 from observer.model.training_rows import (
+    FRACTIONS,
     RECOGNISABLE,
     between_rests,
-    learned_facings,
     rows_of_examples,
     rows_of_streams,
     segment_window,
 )
-from observer.model.training_table import ENOUGH_EXAMPLES, RARELY, SMALL_SHARE, TrainingTable
-from observer.motion.archive import MotionArchive, Recording
+from observer.model.training_table import ENOUGH_EXAMPLES, TrainingTable
 from observer.tracks import BODY_PARTS, Tracks
 
 RATE_HZ = 15.0
@@ -63,18 +59,19 @@ def example(movement, subject, trial):
 
 @pytest.fixture(scope="module")
 def header():
-    header = Header("discriminative", VOCABULARY, "door", np.eye(3, 4), RATE_HZ, BODY_PARTS, {"kernels": 336.0})
-    return with_defaults(header, Discriminative.PARAMETERS)
+    header = Header("stacked", VOCABULARY, "door", np.eye(3, 4), RATE_HZ, BODY_PARTS, {"kernels": 336.0})
+    return with_defaults(header, Stacked.PARAMETERS)
 
 
 @pytest.fixture(scope="module")
 def examples(header):
     shown = [example(m, s, t) for s in range(4) for t in range(2) for m in range(3)]
-    return with_features(Discriminative, header, shown)
+    return with_features(Stacked, header, shown)
 
 
 def traces_of(examples):
-    return [e.features.astype(np.float32) for e in examples]
+    """(F, 9) traces, the last columns of what a stacked model reads."""
+    return [e.features[:, -9:].astype(np.float32) for e in examples]
 
 
 @pytest.fixture(scope="module")
@@ -161,15 +158,15 @@ def test_a_movement_in_a_stream_is_shown_fully_from_a_share_of_its_span_on():
         assert targets == pytest.approx([0.0, shown, 1.0 - shown], abs=1e-6)
 
 
-def test_the_least_extents_are_a_share_of_what_all_but_few_examples_reach(examples, table):
-    for movement, least in enumerate(table.least_extents):
-        largest = [
-            max(extent(trace[: n + 1], RATE_HZ) for n in range(len(trace)))
-            for trace, example in zip(traces_of(examples), examples, strict=True)
-            if example.movement == movement
-        ]
-        assert least == pytest.approx(SMALL_SHARE * np.quantile(largest, RARELY))
-        assert 0 < least < min(largest)
+def test_lengths_extents_and_the_usual_posture_are_those_of_the_examples(examples, table):
+    traces = traces_of(examples)
+    for movement in range(3):
+        own = [trace for trace, e in zip(traces, examples, strict=True) if e.movement == movement]
+        largest = [max(extent(trace[: n + 1], RATE_HZ) for n in range(len(trace))) for trace in own]
+        assert table.extents[movement] == pytest.approx(np.median(largest))
+        assert table.lengths[movement] == np.median([len(trace) for trace in own])
+    everything = np.concatenate(traces)
+    np.testing.assert_allclose(table.usual_posture, everything[:, :6].mean(axis=0), rtol=1e-4)
 
 
 def test_each_of_few_examples_counts_more(header, examples, table):
@@ -205,82 +202,103 @@ def test_streams_of_people_left_out_are_left_out_and_else_only_the_spans(header,
         spans = [StreamSpan(int(a), int(b), e.movement, e.trial) for a, b, e in zip(ends, ends[1:], own, strict=False)]
         return Stream(tracks, tuple(spans), 0, subject, "0")
 
-    streams = with_features(Discriminative, header, [stream("0"), stream("1")])
+    streams = with_features(Stacked, header, [stream("0"), stream("1")])
     table = TrainingTable(header, examples, traces_of(examples), streams, [s.features.astype("f4") for s in streams])
     person = {n for n, e in enumerate(examples) if e.subject == "0"}
-    none, some = table._stream_rows_apart(person)
+    none, some = table._stream_rows_apart(person, (0, 2))
     assert not none.any() and some.all()
-    one, _ = table._stream_rows_apart({0})
+    one, _ = table._stream_rows_apart({0}, None)
     assert (~one).sum() == len(examples[0].tracks)
 
 
-def test_a_fold_at_once_is_what_a_watch_of_its_model_says(header, examples, table):
+@pytest.fixture(scope="module")
+def watched(header, examples):
+    """What a model of the people 0 to 2 makes of the others' examples and streams, and its fold."""
     fold = [n for n, e in enumerate(examples) if e.subject == "3"]
-    movement, segments = table.learn(fold, 20)
-    memory = Discriminative.learn(header, examples).memory
-    header = replace(header, background=())
-    model = Discriminative(header, table.trailing, movement, segments, table.longest, table.least_extents, memory)
-    for n, members in table.held_out(fold)[0].items():
-        watch, tracks = model.watch(Onset(known=True)), examples[n].tracks
-        for number, frame in enumerate(tracks, 1):
-            watch.update(frame)
-            if number == round(0.5 * len(tracks)):
-                assert np.abs(watch.p - softmax(members.after((0.5,)))[0]).max() < 0.1
-        watch.end()
-        np.testing.assert_allclose(watch.p, softmax(members.after((1.0,)))[0], atol=0.01)
+    others = [e for e in examples if e.subject != "3"]
+    model = Stacked.learn_with_streams(header, others, ())
+    tracks = [t for e in examples if e.subject == "3" for t in e.tracks]
+    spans = (StreamSpan(0, len(examples[fold[0]].tracks), 0, "0"),)
+    streams = [Stream(tracks, spans, 0, "3", "0"), Stream(tracks, spans, 0, "0", "0")]
+    apart = list(streams_left_out(streams, examples, fold, (0, 2)))
+    return fold, rows_of_fold(model, examples, fold[:2], apart, 3.0), model
 
 
-def test_at_many_facings_the_examples_learned_from_and_those_watched_are_held_out(header):
-    header = replace(header, parameters={**header.parameters, "facings": 12.0})
+def test_the_people_left_out_are_watched_as_a_person_is_later(examples, watched):
+    fold, rows, model = watched
+    by_example = {n: [row for row in rows if row.example == n] for n in fold}
+    assert {n for n, own in by_example.items() if own} == set(fold[:2])
+    for n in fold[:2]:
+        own = by_example[n]
+        shown = [row for row in own if row.truth >= 0]
+        assert [row.progress for row in shown] == pytest.approx([*FRACTIONS, np.inf])
+        assert sum(row.weight for row in shown) == pytest.approx(1)
+        assert {row.truth for row in shown} == {examples[n].movement}
+        faint = [row for row in own if row.truth < 0]
+        assert len(faint) == (0 if n % 2 == 0 else len(shown)), "between rests it is also shown faintly"
+    watch = model.watch(Onset(known=True))
+    known = next(n for n in fold[:2] if n % 2 == 0)
+    for frame in examples[known].tracks:
+        watch.pass_over(frame)
+    watch.end()
+    np.testing.assert_array_equal(by_example[known][-1].instant.members, watch.instant.members)
+
+
+def test_of_people_who_show_no_movement_each_fold_leaves_out_and_watches_another_part(header, examples):
+    life = Stream(examples[0].tracks * 3, (), 0, "somebody else", "0")
+    streams = with_features(Stacked, header, [life])
+    table = TrainingTable(header, examples, traces_of(examples), streams, [streams[0].features.astype("f4")])
+    parts = [next(streams_left_out(streams, examples, [0], (k, 3))) for k in range(3)]
+    assert [t for part in parts for t in part.tracks] == list(life.tracks)
+    learned = np.array([table._stream_rows_apart({0}, (k, 3))[0] for k in range(3)])
+    assert (learned.sum(axis=0) == 2).all(), "each row is left out once"
+    assert (~learned).sum(axis=1).tolist() == [len(part.tracks) for part in parts]
+
+
+def test_streams_of_people_who_were_learned_from_are_not_watched_and_of_others_so_many_seconds(watched):
+    _, rows, _ = watched
+    of_streams = [row for row in rows if row.example < 0]
+    assert of_streams and sum(row.weight for row in of_streams) <= 3.0 + 1e-9
+    assert {row.truth for row in of_streams} <= {0, -1}
+
+
+def test_late_instants_of_movements_are_also_those_of_movements_that_are_not_known(watched):
+    _, watched_rows, _ = watched
+    rows, count = stacker_rows(watched_rows), len(watched_rows)
+    late = [row for row in watched_rows if row.truth >= 0 and row.progress >= STRANGE_FROM]
+    assert len(rows.truth) == count + len(late) and (rows.truth[count:] == -1).all()
+    assert (rows.shown[:count] <= 1).all() and (rows.shown[count:] == 0).all()
+    for n, row in enumerate(late, count):
+        judging = row.instant.members[:4].any(axis=1)
+        np.testing.assert_allclose(rows.instants.members[n, :4, row.truth][judging], LOWEST)
+    only_two = [replace(row, instant=_of_two(row)) for row in watched_rows]
+    assert len(stacker_rows(only_two).truth) == count, "without one of two, the other is certain"
+    assert stacker_rows([]) is None
+
+
+def _of_two(row: Watched):
+    """The instant with the first two movements only."""
+    instant = row.instant
+    return replace(instant, members=instant.members[:, :2], by_movement=instant.by_movement[:, :2])
+
+
+@pytest.mark.parametrize("facings", [1, 12])
+def test_each_fold_is_judged_by_a_model_of_the_others_at_any_number_of_facings(header, facings):
+    header = replace(header, parameters={**header.parameters, "kernels": 84.0, "facings": float(facings)})
     shown = [
         replace(example(max(m, 0), s, 0), movement=m, facing=k)
-        for k in range(12)
+        for k in range(facings)
         for s in range(4)
         for m in (-1, 0, 1, 2)
     ]
-    shown = with_features(Discriminative, replace(header, background=("nod",)), shown)
+    header = replace(header, background=("nod",))
+    shown = with_features(Stacked, header, shown)
     numbers = recording_numbers(shown)
     folds = [[n for n, number in enumerate(numbers) if number // 8 == half] for half in (0, 1)]
-    watched = {5, 6, 7, 190}
-    results, _ = Discriminative.held_out(header, CrossValidation(shown, (), folds, watched, (0.6, 1.0)))
-    learned = set(learned_facings(shown, 12))
-    assert set(results) == {n for n in learned | watched if shown[n].movement >= 0}
-    assert {(e.subject, e.movement) for e in map(shown.__getitem__, learned)} == {
-        (e.subject, e.movement) for e in shown
-    }
-    right = [members.after((1.0,))[0].argmax() == shown[n].movement for n, members in results.items()]
-    assert np.mean(right) > 0.8
-
-
-@pytest.mark.parametrize("facings", [1, 4])
-def test_learned_exponents_are_stored_and_explicit_ones_stay(facings):
-    recordings = []
-    for m, label in enumerate(VOCABULARY.labels):
-        for subject in range(4):
-            flat = hands(m, subject, 0)
-            positions = np.concatenate([flat[..., :1], -flat[..., 1:], np.zeros_like(flat[..., :1])], axis=-1)
-            recordings.append(Recording(positions.astype(np.float32), RATE_HZ, label, str(subject), "1"))
-    archive, door = MotionArchive(BODY_PARTS, tuple(recordings)), parse_view("door")
-    explicit = {"kernels": 336.0, "generative": 0.25, "facings": float(facings)}
-    model = learn_view(archive, door, VOCABULARY, kind="stacked", parameters=explicit)
-    assert model.header.parameters["generative"] == 0.25
-    assert all(0 <= model.header.parameters[name] <= 2 for name in (*RUNNING, *ENDED))
-    tried, right = (int(model.header.provenance[name]) for name in ("tried", "right"))
-    assert tried == 12 * facings and right >= 0.75 * tried
-
-
-def test_where_only_the_trailing_windows_judge_the_exponents_of_both_members_do_not_count(examples):
-    exponents = dict.fromkeys((*RUNNING, *ENDED), 0.3)
-    header = Header("stacked", VOCABULARY, "door", np.eye(3, 4), RATE_HZ, BODY_PARTS, {"kernels": 336.0, **exponents})
-    own = [replace(e, features=None) for e in examples[:6]]
-    model = Stacked.learn_with_streams(header, with_features(Stacked, header, own), ())
-    both, alone = model.watch(Onset()), model.discriminative.watch(Onset())
-    # Movements that go on for longer than any example: where the next one begins is unknown.
-    tracks = [t for _ in range(4) for t in own[2].tracks]
-    differ = []
-    for frame in tracks:
-        both.update(frame)
-        alone.update(frame)
-        differ.append(np.abs(both.p - alone.p).max())
-    assert alone.segment.begun is None
-    assert differ[-1] < 1e-3 < differ[10], "while the begin is known the exponents count"
+    watched = {n for n, number in enumerate(numbers) if number % 8 < 4 and shown[n].facing in (0, facings - 1)}
+    model = Stacked.learn(header, shown)
+    result = model.cross_validated(CrossValidation(shown, (), folds, watched, (0.6, 1.0)))
+    judged = [r for r in result.results if r.truth >= 0]
+    assert len(judged) == len([n for n in watched if shown[n].movement >= 0])
+    assert np.mean([r.posteriors[-1].argmax() == r.truth for r in judged]) > 0.7
+    assert result.calibration.learned_only, "the posterior is used as it is"

@@ -1,35 +1,20 @@
-"""The posteriors of the discriminative and the stacked model are their formulas, from what their members say."""
+"""The posterior of the stacked model is its stacker's, from what its members say in each frame."""
 
 import numpy as np
 import pytest
 from performances import DOOR
 
-from common.probability import softmax
 from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.logistic import LogisticRegression
-from observer.model.segment_classifier import SegmentClassifier
+from observer.model.body_trace import BodyTrace, extent
+from observer.model.nearest_take import NearestTakeWatch
+from observer.model.stacker import instant_of
 from observer.motion.projected import view_tracks
+from observer.tracks import BODY_PARTS, Tracks
 from studies.performer import perform
 
 LABELS = ("ok", "shake")
-PARAMETERS = {"facings": 2.0, "kernels": 84.0, "nearest_weight": 0.0, "generative": 0.3, "discriminative": 0.9}
-
-
-def test_a_segment_in_progress_is_judged_by_both_parts_as_it_may_have_ended() -> None:
-    """ln P = (1 - P(ended)) ln P(in progress) + P(ended) ln P(ended), not normalised."""
-    rng = np.random.default_rng(0)
-    running, ended, completion = (
-        LogisticRegression(rng.normal(size=(4, k)).astype(np.float32), rng.normal(size=k).astype(np.float32))
-        for k in (3, 3, 2)
-    )
-    features = rng.normal(size=(5, 4)).astype(np.float32)
-    classifier = SegmentClassifier(None, running, ended, completion)
-    in_progress, over, share = (np.exp(part.log_probabilities(features)) for part in (running, ended, completion))
-    expected = (1 - share[:, 1:]) * np.log(in_progress) + share[:, 1:] * np.log(over)
-    np.testing.assert_allclose(classifier.log_posterior_of(features, ended=False), expected, rtol=1e-4)
-    np.testing.assert_allclose(classifier.log_posterior_of(features, ended=True), np.log(over), rtol=1e-4)
 
 
 @pytest.fixture(scope="module")
@@ -37,32 +22,55 @@ def people():
     return perform(("1", "2"), LABELS, trials=1, seed=2)
 
 
-@pytest.fixture(scope="module")
-def model(people):
-    return learn_view(people, DOOR, Vocabulary(LABELS), kind="stacked", parameters=PARAMETERS, calibrate=False)
+@pytest.fixture(scope="module", params=[1, 2], ids=["one facing", "two facings"])
+def model(request, people):
+    parameters = {"facings": float(request.param), "kernels": 84.0}
+    return learn_view(people, DOOR, Vocabulary(LABELS), kind="stacked", parameters=parameters, calibrate=False)
 
 
 def tracks_of(people, number=0):
     return view_tracks(DOOR, people.recordings[number], people.body_parts, people.body_parts)
 
 
-def test_trailing_windows_and_the_segment_count_equally(people, model):
-    own = model.discriminative
-    watch = own.watch(Onset(known=True))
-    # A frame is classified 15 times a second, the first one too.
-    classified = range(1, 1000, max(round(model.header.rate_hz / 15), 1))
-    for number, tracks in enumerate(tracks_of(people), 1):
-        watch.update(tracks)
-        if number in classified and watch.segment.begun:
-            trailing = own.movement.log_probabilities(own.trailing.newest(watch.rows))[:-1]
-            trailing = np.log(softmax(trailing.astype(float)))
-            segment = own.segments.log_posterior(watch.segment.rows_of(watch.rows), watch.segment.over)
-            joined = segment if watch.segment.over else (trailing + segment) / 2
-            np.testing.assert_allclose(watch.p, softmax(np.asarray(joined, np.float64)), atol=1e-4)
+def rows_of(model, tracks):
+    """(F, 9) the trace, as a watch of the model reads it."""
+    trace = BodyTrace(BODY_PARTS, model.header.rate_hz, model.usual_posture)
+    return np.array([trace.update(each) for each in tracks])
+
+
+@pytest.mark.parametrize("begin_known", [True, False])
+def test_the_posterior_is_that_of_the_stacker_from_what_each_member_says(people, model, begin_known):
+    tracks = list(tracks_of(people, 1))
+    # Where one movement follows another for longer than any example, nobody knows where it began.
+    tracks = tracks[: len(tracks) // 2] if begin_known else tracks * 4
+    watch = model.watch(Onset(known=True))
+    for each in tracks:
+        (watch.pass_over if begin_known else watch.update)(each)
+    watch.classify()
+    assert watch.instant.context[3] == (not begin_known)
+    rows, rate_hz = rows_of(model, tracks), model.header.rate_hz
+    log_trailing = model.trailing_answers.log_probabilities(model.trailing.of(rows, np.array([len(rows) - 1])))[0]
+    of_begin = {"phase": None, "log_segment": None, "distances": None, "elapsed": 1.0}
+    if begin_known:
+        phase = model.phase.watch(Onset(known=True))
+        for each in tracks:
+            phase.update(each)
+        log_segment = model.segments.log_posteriors(rows).astype(float)
+        length = np.exp(log_segment[0]) @ model.lengths
+        of_begin = {"phase": phase.p, "log_segment": log_segment, "distances": None, "elapsed": len(rows) / length}
+        if model.takes is not None:
+            of_begin["distances"] = NearestTakeWatch(model.takes, rows).relative_distances
+    expected = instant_of(
+        log_trailing=log_trailing.astype(float), extents=extent(rows, rate_hz) / model.extents, over=False, **of_begin
+    )
+    p, something_else = model.stacker.judge(expected)
+    np.testing.assert_allclose(watch.p, p, atol=1e-3)
+    assert watch.unlearned.sum() == pytest.approx(float(something_else), abs=2e-3)
 
 
 def test_frames_that_are_passed_over_count_although_they_are_not_classified(people, model):
-    plain, hurried = (model.discriminative.watch(Onset(known=True)) for _ in range(2))
+    plain, hurried = (model.watch(Onset(known=True)) for _ in range(2))
+    compared = 0
     for number, tracks in enumerate(tracks_of(people)):
         before = hurried.p
         plain.update(tracks)
@@ -70,20 +78,34 @@ def test_frames_that_are_passed_over_count_although_they_are_not_classified(peop
             hurried.pass_over(tracks)
             np.testing.assert_array_equal(hurried.p, before)
         else:
-            hurried.update(tracks)
-            np.testing.assert_array_equal(hurried.rows, plain.rows)
-            if hurried.segment.begun == plain.segment.begun and hurried.judges_ended == plain.judges_ended:
+            hurried.pass_over(tracks)
+            for watch in (plain, hurried):
+                watch.classify()
+            # Where a movement ends depends on what was classified before.
+            if (hurried.instant.context[1:4] == plain.instant.context[1:4]).all():
                 np.testing.assert_allclose(hurried.p, plain.p, atol=1e-6)
+                compared += 1
+    assert compared > 2
 
 
-def test_the_stack_multiplies_both_members_with_their_exponents_and_takes_facings_from_the_phase_filter(people, model):
-    stack, phase, other = (part.watch(Onset(known=True)) for part in (model, model.phase, model.discriminative))
+def test_facings_are_those_of_the_phase_filter(people, model):
+    watch, phase = model.watch(Onset(known=True)), model.phase.watch(Onset(known=True))
     for tracks in tracks_of(people, 1):
-        for watch in (stack, phase, other):
-            watch.update(tracks)
-        if other.judges_ended:
-            break
-        p = softmax(0.3 * np.log(np.maximum(phase.p, 1e-4)) + 0.9 * np.log(np.maximum(other.p, 1e-4)))
-        facing = phase.joint / phase.p[:, None]
-        np.testing.assert_allclose(stack.p, p, atol=1e-6)
-        np.testing.assert_allclose(stack.joint, p[:, None] * facing, atol=1e-6)
+        watch.update(tracks)
+        phase.update(tracks)
+    if model.phase.facings == 1:
+        assert watch.joint is None and phase.joint is None
+        return
+    np.testing.assert_allclose(watch.joint, watch.p[:, None] * phase.joint / phase.p[:, None], atol=1e-6)
+    assert watch.unlearned.sum() <= 1
+
+
+def test_a_person_out_of_sight_is_forgotten(people, model):
+    watch = model.watch(Onset(known=True))
+    for tracks in tracks_of(people):
+        watch.update(tracks)
+    before = watch.p.max()
+    for _ in range(60 * round(model.header.rate_hz)):
+        watch.update(Tracks(np.full((3, 2), np.nan)))
+    assert watch.p.max() < 0.55 < before
+    assert watch.unlearned.sum() == pytest.approx(1 / 3, abs=0.05)

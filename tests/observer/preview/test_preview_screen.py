@@ -238,7 +238,7 @@ def test_closing_the_window_ends_only_the_preview(monkeypatch, caplog, visible, 
 class FakeObserver:
     """An observer and its tracker in one."""
 
-    vocabulary, complaint = Vocabulary(("ok", "shake")), "too dark"
+    vocabulary, complaint, leans_on = Vocabulary(("ok", "shake")), "too dark", None
     body_parts, all_tracks = BODY_PARTS, None
 
     @property

@@ -65,7 +65,7 @@ def test_round_off_does_not_stop_an_observer(off):
 
 
 class ConstantObserver:
-    vocabulary, complaint = NAMES, ""
+    vocabulary, complaint, leans_on = NAMES, "", None
 
     def step(self, frame):
         return posterior(facing=FACING, unlearned=0.125)

@@ -1,0 +1,178 @@
+"""What a model makes of people from whom it has not learned: the material from which the stacker learns. Pure.
+
+A model of the other people watches them, exactly as it watches a person later: every second movement between two rests,
+its begin unknown; the others from their known begin; and continuous recordings.
+"""
+
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from observer.model.base import Example, Onset, Stream
+from observer.model.body_trace import tracks_of, width_of
+from observer.model.posterior_calibration import HeldOutResult
+from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
+from observer.model.training_rows import FRACTIONS, RECOGNISABLE, REST_S, between_rests, part_of
+from observer.tracks import Floats, Tracks
+
+if TYPE_CHECKING:
+    from observer.model.stacked import Stacked
+
+STRANGE_FROM = 0.6
+"""Share of a movement from which it also stands for one that the members do not know: struck out of what they say."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Watched:
+    """An instant of a recording that was watched. example: its index, -1 of a stream; progress: share of the movement.
+
+    truth: -1 for something else; over: whether the recording has ended.
+    """
+
+    instant: Instants
+    example: int
+    truth: int
+    progress: float
+    weight: float
+
+
+STRANGE_SHARE = 1 / 3
+"""Strange, and faint, movements for each known one: the base rate of something else beside recorded other motion."""
+FAINT = (0.0, 0.2)
+"""A movement of this share of the usual extent is none: somebody stands, shifts their weight, or a hand trembles."""
+
+
+def rows_of_fold(
+    model: "Stacked",
+    examples: Sequence[Example],
+    watched: Sequence[int],
+    streams: Sequence[Stream],
+    watched_s: float,
+) -> list[Watched]:
+    """What the model makes of these examples and streams, from which it has not learned.
+
+    watched: indices of the examples; watched_s: at most so many seconds of streams.
+    """
+    rows = [row for n in watched for row in _watch_example(model, examples[n], n)]
+    return rows + list(_watch_streams(model, streams, watched_s))
+
+
+def streams_left_out(
+    streams: Sequence[Stream], examples: Sequence[Example], gone: Collection[int], part: tuple[int, int]
+) -> Iterator[Stream]:
+    """The streams of people whose examples are all in `gone`; of people who show no example a part, (number, of all).
+
+    `TrainingTable.learn` leaves out the same.
+    """
+    left = {e.subject for n, e in enumerate(examples) if n not in gone}
+    people = {examples[n].subject for n in gone} - left
+    for stream in streams:
+        if stream.subject in people:
+            yield stream
+        elif stream.subject not in left:
+            begin, end = part_of(stream.frames, part)
+            yield replace(stream, tracks=stream.tracks[begin:end], spans=(), features=None)
+
+
+def _watch_example(model: "Stacked", example: Example, number: int) -> Iterator[Watched]:
+    """The instants at FRACTIONS of the movement, and its end; of every second also of the same motion, but faint.
+
+    All instants of a movement of the background, and of a faint one, are something else.
+    """
+    truth, known = max(example.movement, -1), number % 2 == 0
+    if known or example.features is None:
+        yield from _watch_tracks(model, example.tracks, 0, number, truth, known)
+        return
+    trace = example.features[:, -width_of(len(model.header.body_parts)) :].astype(np.float32)
+    faint = trace[:1] + np.float32(FAINT[number // 2 % 2]) * (trace - trace[:1])
+    faint[:, -1] = trace[:, -1]
+    rest, rng = round(REST_S * model.header.rate_hz), np.random.default_rng(number)
+    for shown, as_what, weight in ((trace, truth, 1.0), (faint, -1, STRANGE_SHARE)):
+        tracks = tracks_of(between_rests(shown, rest, 0, rng).astype(np.float64))
+        for row in _watch_tracks(model, tracks, rest, number, as_what, known):
+            yield replace(row, weight=row.weight * weight)
+
+
+def _watch_tracks(
+    model: "Stacked", tracks: Sequence[Tracks], before: int, number: int, truth: int, known: bool
+) -> Iterator[Watched]:
+    """before: frames of rest before the movement begins."""
+    frames = len(tracks) - before
+    stops = {before + max(math.ceil(share * frames), 1): share for share in FRACTIONS}
+    watch, weight = model.watch(Onset(known)), 1 / (len(FRACTIONS) + 1)
+    for frame, one in enumerate(tracks, 1):
+        watch.pass_over(one)
+        if frame in stops:
+            watch.classify()
+            if watch.instant is not None:
+                yield Watched(watch.instant, number, truth, stops[frame], weight)
+    watch.end()
+    if watch.instant is not None:
+        yield Watched(watch.instant, number, truth, math.inf, weight)
+
+
+def _watch_streams(model: "Stacked", streams: Sequence[Stream], watched_s: float) -> Iterator[Watched]:
+    """Each instant in which the person does not rest weighs as long as it lasts, in seconds."""
+    left, hop = watched_s * model.header.rate_hz, max(round(model.header.rate_hz / 15.0), 1)
+    for stream in streams:
+        tracks: Sequence[Tracks] = stream.tracks[: max(int(left), 0)]
+        left -= len(tracks)
+        watch = model.watch(Onset())
+        for frame, one in enumerate(tracks):
+            watch.update(one)
+            if frame % hop or watch.instant is None or watch.rest >= 0.5:
+                continue
+            span = next((s for s in stream.spans if s.begin <= frame < s.end), None)
+            progress = 0.0 if span is None else (frame + 1 - span.begin) / (span.end - span.begin)
+            truth = -1 if span is None else max(span.movement, -1)
+            yield Watched(watch.instant, -1, truth, progress, hop / model.header.rate_hz)
+
+
+def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows | None:
+    """The rows of the stacker; struck: late instants of known movements are also those of movements not known."""
+    if not watched:
+        return None
+    instants = Instants.of([one.instant for one in watched])
+    truth = np.array([one.truth for one in watched], np.int64)
+    shown = np.array([min(one.progress / RECOGNISABLE, 1.0) for one in watched])
+    weights = np.array([one.weight for one in watched])
+    late = (truth >= 0) & np.array([one.progress >= STRANGE_FROM for one in watched])
+    if struck and late.any() and instants.members.shape[-1] > 2:
+        unknown = instants.at(late).without(truth[late])
+        instants = Instants(
+            *(np.concatenate([getattr(instants, f), getattr(unknown, f)]) for f in Instants.__dataclass_fields__)
+        )
+        truth = np.concatenate([truth, np.full(int(late.sum()), -1)])
+        shown = np.concatenate([shown, np.zeros(int(late.sum()))])
+        weights = np.concatenate([weights, STRANGE_SHARE * weights[late]])
+    return StackerRows(instants, truth, shown, weights)
+
+
+def held_out_results(
+    prior: StackerPrior, task: Floats, of_folds: Sequence[Sequence[Watched]], shares: Sequence[float]
+) -> tuple[Stacker, list[HeldOutResult], float | None]:
+    """The stacker of all folds, what it makes of each example after these shares, and how often it names strange ones.
+
+    A share of 1.0 is the end. The last is the share of ended movements that get a name although they are struck out of
+    what the members know; None if nothing was tried.
+    """
+    watched = [one for fold in of_folds for one in fold]
+    stacker = fit(prior, task, stacker_rows(watched))
+    by_example: dict[int, list[Watched]] = {}
+    for one in watched:
+        if one.example >= 0 and one.truth >= 0:
+            by_example.setdefault(one.example, []).append(one)
+    results = []
+    for own in by_example.values():
+        at = [min(own, key=lambda w: abs(min(w.progress, 2.0) - (share if share < 1 else 2.0))) for share in shares]
+        p, _ = stacker.judge(Instants.of([one.instant for one in at]))
+        results.append(HeldOutResult(own[0].truth, p, None))
+    ended = [one for own in by_example.values() for one in own if math.isinf(one.progress)]
+    if not ended or ended[0].instant.members.shape[-1] < 3:
+        return stacker, results, None
+    truth = np.array([one.truth for one in ended])
+    _, something_else = stacker.judge(Instants.of([one.instant for one in ended]).without(truth))
+    return stacker, results, float((something_else < 0.5).mean())

@@ -1,0 +1,108 @@
+"""Which regions of the body a movement's recognition leans on: what is lost when a region stands still. Pure."""
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from common.message_types import PARTS_LIMIT, BodyRegionShares
+from observer.model.base import Example, Header
+from observer.tracks import Floats32
+
+if TYPE_CHECKING:
+    from observer.model.segment_classifier import SegmentClassifier
+
+REGIONS: Mapping[str, tuple[str, ...]] = {
+    "left arm": ("left_hand", "left_wrist", "left_elbow"),
+    "right arm": ("right_hand", "right_wrist", "right_elbow"),
+    "left leg": ("left_foot", "left_ankle", "left_knee"),
+    "right leg": ("right_foot", "right_ankle", "right_knee"),
+    "trunk": ("head", "neck", "spine", "pelvis", "left_shoulder", "right_shoulder", "left_hip", "right_hip"),
+}
+"""Body parts by region; a part with another name is a region of its own."""
+MOST_EXAMPLES = 6
+"""Examples of each movement that are looked at: their mean hardly changes with more."""
+
+
+def regions_of(body_parts: Sequence[str]) -> dict[str, list[int]]:
+    """The regions that these parts have, with the parts' places in their order."""
+    region_of = {part: region for region, parts in REGIONS.items() for part in parts}
+    regions: dict[str, list[int]] = {}
+    for place, part in enumerate(body_parts):
+        regions.setdefault(region_of.get(part, part), []).append(place)
+    return regions
+
+
+def leans_on(
+    segments: "SegmentClassifier", usual: Floats32, header: Header, examples: Sequence[Example]
+) -> dict[str, dict[str, float]]:
+    """By movement and region the mean nats that the ended movement loses when the region stays at its usual place.
+
+    usual: (2 P,) as of `BodyTrace`; the examples' features are traces (F, 2 P + 3). At least 0.
+    """
+    regions, result = regions_of(header.body_parts), {}
+    for movement, label in enumerate(header.vocabulary.labels):
+        own = [e.features for e in examples if e.movement == movement and e.features is not None]
+        traces = [
+            own[n].astype(np.float32) for n in np.linspace(0, len(own) - 1, min(len(own), MOST_EXAMPLES)).astype(int)
+        ]
+        whole = np.array([_log_p(segments, trace, movement) for trace in traces])
+        lost = {}
+        for region, places in regions.items():
+            columns = [2 * place + axis for place in places for axis in (0, 1)]
+            without = [trace.copy() for trace in traces]
+            for trace in without:
+                trace[:, columns] = usual[columns]
+            nats = float((whole - [_log_p(segments, trace, movement) for trace in without]).mean())
+            lost[region] = round(max(nats, 0.0), 2)
+        result[label] = lost
+    return result
+
+
+def _log_p(segments: "SegmentClassifier", trace: Floats32, movement: int) -> float:
+    return float(segments.log_posteriors(trace)[1, movement])
+
+
+LEANS_ON = "leans_on"
+"""Name in a model's provenance."""
+
+
+def leans_on_of(header: Header) -> dict[str, dict[str, float]]:
+    """What `leans_on` found when the model was learned; {} if unknown."""
+    with suppress(ValueError, AttributeError, TypeError):
+        table = json.loads(header.provenance.get(LEANS_ON, "{}"))
+        return {str(label): {str(r): float(nats) for r, nats in row.items()} for label, row in table.items()}
+    return {}
+
+
+LEAST_SHARE = 0.1
+"""A region with less is not named."""
+
+
+def large_shares(header: Header) -> dict[str, dict[str, float]]:
+    """By movement, regions with their shares of its nats, LEAST_SHARE to 1; {} if the model does not know.
+
+    With a single region there is nothing to tell.
+    """
+    if len(regions_of(header.body_parts)) < 2:
+        return {}
+    return {label: _large(row) for label, row in leans_on_of(header).items()}
+
+
+def _large(row: Mapping[str, float]) -> dict[str, float]:
+    total = sum(row.values())
+    ordered = sorted(row.items(), key=lambda item: -item[1])
+    return {region: nats / total for region, nats in ordered if nats / total >= LEAST_SHARE} if total > 0 else {}
+
+
+def region_shares(header: Header) -> BodyRegionShares | None:
+    """The large shares as an observer publishes them; None if the model does not know any."""
+    rows = large_shares(header)
+    regions = [*dict.fromkeys(region for row in rows.values() for region in row)][:PARTS_LIMIT]
+    if not regions:
+        return None
+    of_labels = [rows.get(label, {}) for label in header.vocabulary.labels]
+    percent = [[min(100, round(100 * row.get(region, 0.0))) for region in regions] for row in of_labels]
+    return BodyRegionShares(hash=header.vocabulary.digest, regions=regions, shares=percent)

@@ -1,0 +1,291 @@
+"""Weighs what the members of a model say at one instant: one conditional stacker for one take and for a thousand. Pure.
+
+    score(m)          = Σ_k w_k f_k(m)              w_k = Σ_q B_kq c_q             f: (J, M), c: (Q,)
+    score(else)       = ln Σ_m e^score(m) + Σ_g v_g h_g        v_g = Σ_r D_gr e_r  h: (G,), e: (R,)
+    P                 = softmax(score) over the M movements and something else
+
+f: MEMBERS, c: CONTEXT, h: EVIDENCE and e: OTHER_CONTEXT below. Wolpert, "Stacked generalization", Neural Networks 5,
+1992; the weights depend on the instant as in Sill, Takacs, Mackey and Lin, "Feature-weighted linear stacking", 2009.
+B and D have Gaussian priors, whose means depend on how much was learned (TASK) and are themselves learned over many
+small and large tasks (`stacker_prior.py`). A user's own takes move them as far as they are evidence.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.probability import softmax
+from observer.tracks import Floats, Integers
+
+MEMBERS = ("phase", "trailing", "running", "ended", "nearest")
+"""f: log posteriors over the movements of the phase filter, of the trailing windows, and of the segment since the begin
+by the classifiers of movements in progress and of ended ones; the negative relative distance from the nearest take."""
+CONTEXT = ("one", "over", "elapsed", "unknown", *(f"entropy of {member}" for member in MEMBERS[:4]))
+"""c: 1; whether the movement is over; ln of the time since its begin in lengths of the movement; whether its begin is
+unknown; the members' entropies as shares of ln M."""
+EVIDENCE = ("one", "odds", "distance", "agreement", "entropy", "smallness")
+"""h: 1; log odds of something else by the trailing windows; the mean over P(m) of the logarithm of the relative
+distance from the nearest take; the logarithm of the probability that two members agree; the entropy of P(m) as a share
+of ln M; the mean over P(m) of the logarithm of how far the parts went, as a share of the movement's usual extent, at
+most 0."""
+OTHER_CONTEXT = CONTEXT[:4]
+TASK = ("one", "takes", "people", "movements", "other motion")
+"""1; the logarithms of the numbers of takes of a movement, of people and of movements, and of 1 + the seconds of other
+motion, from which the members have learned."""
+
+LOWEST = float(np.log(1e-4))
+"""Floor of a member's log posterior: no member can veto a movement alone."""
+MOST_ODDS = 8.0
+"""Largest log odds of the trailing windows, either way: more than that a regression on few takes does not know."""
+FARTHEST = 6.0
+"""Larger relative distances count as this, and so does a movement that cannot be compared with its takes yet."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instants:
+    """What the members say, with any leading shape. A member that does not judge has zeros.
+
+    members (..., J, M), context (..., Q); odds and agreement (...): see EVIDENCE. by_movement (..., 2, M): logarithms
+    of the relative distance from the nearest take, 0 where unknown, and of the extent as a share of the usual one.
+    """
+
+    members: Floats
+    context: Floats
+    odds: Floats
+    agreement: Floats
+    by_movement: Floats
+
+    @classmethod
+    def of(cls, instants: Sequence["Instants"]) -> Self:
+        """All in one, along a new first axis."""
+        return cls(*(np.array([getattr(one, name) for one in instants]) for name in _FIELDS))
+
+    def at(self, rows: Integers | NDArray[np.bool_]) -> "Instants":
+        """Those of these rows."""
+        return Instants(*(getattr(self, name)[rows] for name in _FIELDS))
+
+    def without(self, movements: Integers) -> "Instants":
+        """(N, ...) instants as members would judge them that do not know `movements` (N,), which is something else."""
+        rows = np.arange(len(movements))
+        members = self.members.copy()
+        judging = members[:, :4].any(axis=-1)
+        known = np.logaddexp.reduce(members[:, :4], axis=-1)
+        members[rows, :4, movements] = LOWEST
+        left = np.logaddexp.reduce(members[:, :4], axis=-1)
+        members[:, :4] -= left[..., None]
+        members[rows, :4, movements] = LOWEST
+        members[:, :4][~judging] = 0.0
+        members[rows, 4, movements] = np.where(members[:, 4].any(axis=-1), -FARTHEST, 0.0)
+        context = self.context.copy()
+        context[:, 4:] = np.where(judging, _entropy(members[:, :4]), 0.0)
+        # What the trailing windows give to the other movements remains.
+        odds = np.clip(self.odds + (known - left)[:, 1], -MOST_ODDS, MOST_ODDS)
+        return Instants(members, context, odds, agreement_of(members), self.by_movement)
+
+
+_FIELDS = ("members", "context", "odds", "agreement", "by_movement")
+
+
+def instant_of(
+    phase: Floats | None,
+    log_trailing: Floats,
+    log_segment: Floats | None,
+    distances: Floats | None,
+    extents: Floats,
+    over: bool,
+    elapsed: float,
+) -> Instants:
+    """One instant. phase (M,): posterior; log_trailing (M + 1,), something else last; log_segment (2, M): running,
+    ended; distances (M,): relative, inf where unknown; extents (M,): shares of the usual; elapsed: in lengths.
+
+    None: the begin of the movement is not known, so that the member does not judge.
+    """
+    movements = len(log_trailing) - 1
+    members = np.zeros((len(MEMBERS), movements))
+    odds = log_trailing[-1] - np.logaddexp.reduce(log_trailing[:-1])
+    members[1] = log_trailing[:-1] - np.logaddexp.reduce(log_trailing[:-1])
+    if phase is not None:
+        members[0] = np.log(np.maximum(phase, 1e-300))
+    if log_segment is not None:
+        members[2:4] = log_segment - np.logaddexp.reduce(log_segment, axis=1, keepdims=True)
+    np.maximum(members, LOWEST, out=members)
+    far = np.zeros(movements)
+    if distances is not None and np.isfinite(distances).any():
+        members[4] = -np.minimum(distances, FARTHEST)
+        known = np.isfinite(distances)
+        far[known] = np.log(np.clip(distances[known], 1 / FARTHEST, FARTHEST))
+    known_begin = log_segment is not None
+    context = np.array(
+        [1.0, over, np.log(np.clip(elapsed, 0.1, 3.0)) if known_begin else 0.0, not known_begin, *4 * [0]]
+    )
+    context[4:] = np.where(members[:4].any(axis=1), _entropy(members[:4]), 0.0)
+    small = np.log(np.clip(extents, 0.05, 1.0))
+    agreement = agreement_of(members)
+    return Instants(
+        members,
+        context,
+        np.float64(np.clip(odds, -MOST_ODDS, MOST_ODDS)),  # type: ignore[arg-type]
+        agreement,
+        np.array([far, small]),
+    )
+
+
+def _entropy(logs: Floats) -> Floats:
+    """(..., M) log probabilities -> (...) entropy as a share of ln M."""
+    p = np.exp(logs)
+    entropy: Floats = -(p * logs).sum(axis=-1) / max(np.log(logs.shape[-1]), 1.0)
+    return entropy
+
+
+def agreement_of(members: Floats) -> Floats:
+    """(..., J, M) -> (...) ln of the probability that draws by the phase filter and by the regressions agree.
+
+    0 where the phase filter does not judge.
+    """
+    regressions = members[..., 1:4, :].mean(axis=-2)
+    regressions = regressions - np.logaddexp.reduce(regressions, axis=-1)[..., None]
+    judging = members[..., 0, :].any(axis=-1)
+    agreement: Floats = np.where(judging, np.logaddexp.reduce(members[..., 0, :] + regressions, axis=-1), 0.0)
+    return agreement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stacker:
+    """weights (J, Q): B. other (G, R): D."""
+
+    weights: Floats
+    other: Floats
+
+    def judge(self, instants: Instants) -> tuple[Floats, Floats]:
+        """(..., M) P(movement | it is one of them), and (...) P(something else)."""
+        weights = instants.context @ self.weights.T
+        p = softmax((weights[..., None, :] @ instants.members)[..., 0, :])
+        odds = (other_context(instants) @ self.other.T * evidence(instants, p)).sum(axis=-1)
+        return p, 1 / (1 + np.exp(-np.clip(odds, -30, 30)))
+
+
+def other_context(instants: Instants) -> Floats:
+    """(..., R)"""
+    context: Floats = instants.context[..., : len(OTHER_CONTEXT)]
+    return context
+
+
+def evidence(instants: Instants, p: Floats) -> Floats:
+    """(..., M) P(movement) -> (..., G) h."""
+    far, small = np.moveaxis((instants.by_movement * p[..., None, :]).sum(axis=-1), -1, 0)
+    entropy = -(p * np.log(np.maximum(p, 1e-12))).sum(axis=-1) / max(np.log(p.shape[-1]), 1.0)
+    return np.stack([np.ones_like(entropy), instants.odds, far, instants.agreement, entropy, small], axis=-1)
+
+
+def task_of(takes: float, people: float, movements: int, other_s: float) -> Floats:
+    """(Z,) TASK. takes: mean number of takes of a movement; people: effective number; other_s: seconds of motion."""
+    return np.log([np.e, max(takes, 1.0), max(people, 1), max(movements, 2), 1.0 + other_s])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gaussians:
+    """Independent Gaussians for the entries of a matrix; means (Z, A, B), spreads (A, B): standard deviations."""
+
+    means: Floats
+    spreads: Floats
+
+    def at(self, task: Floats) -> Floats:
+        """(A, B) means for a task (Z,)."""
+        mean: Floats = np.tensordot(task, self.means, axes=1)
+        return mean
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StackerPrior:
+    """What is known about the weights before anything was tried."""
+
+    weights: Gaussians
+    other: Gaussians
+
+    def stacker(self, task: Floats) -> Stacker:
+        """The stacker of a model that could not be tried."""
+        return Stacker(self.weights.at(task), self.other.at(task))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StackerRows:
+    """N instants of material from which the members have not learned.
+
+    truth (N,): the movement, -1 for something else. shown (N,): how far it shows already, 0 to 1. weights (N,): those
+    of one recording sum to about 1, because its instants are not independent.
+    """
+
+    instants: Instants
+    truth: Integers
+    shown: Floats
+    weights: Floats
+
+
+def fit(prior: StackerPrior, task: Floats, rows: StackerRows | None) -> Stacker:
+    """The stacker of greatest posterior probability: that of the prior without rows."""
+    start = prior.stacker(task)
+    if rows is None or not len(rows.truth):
+        return start
+    moving = rows.truth >= 0
+    weights, other = start.weights, start.other
+    if moving.any():
+        chosen = rows.instants.at(moving)
+        weights = most_probable(
+            LabelLoss(chosen, rows.truth[moving], rows.weights[moving]), start.weights, prior.weights.spreads
+        )
+    p, _ = Stacker(weights, other).judge(rows.instants)
+    target = np.where(moving, 1.0 - rows.shown, 1.0)
+    return Stacker(weights, most_probable(ElseLoss(rows.instants, p, target, rows.weights), other, prior.other.spreads))
+
+
+class LabelLoss:
+    """(J, Q) weights -> weighted cross-entropy of the movements in nats, and its gradient."""
+
+    def __init__(self, instants: Instants, truth: Integers, weights: Floats) -> None:
+        n = len(truth)
+        # (N, JQ, M): the score is linear in the weights.
+        x = instants.context[:, None, :, None] * instants.members[:, :, None, :]
+        self.x = x.reshape(n, -1, x.shape[-1])
+        self._at, self._truth, self.weights = np.arange(n), truth, weights
+
+    def __call__(self, w: Floats) -> tuple[float, Floats]:
+        """(J, Q) -> the loss in nats, (J Q,) its gradient."""
+        scores = np.einsum("a,nam->nm", w.ravel(), self.x, optimize=True)
+        logs = scores - np.logaddexp.reduce(scores, axis=1, keepdims=True)
+        loss = -float(self.weights @ logs[self._at, self._truth])
+        residual = np.exp(logs)
+        residual[self._at, self._truth] -= 1.0
+        gradient: Floats = np.einsum("nm,nam->a", residual * self.weights[:, None], self.x, optimize=True)
+        return loss, gradient
+
+
+class ElseLoss:
+    """(G, R) weights -> weighted cross-entropy of something else in nats, and its gradient. target: (N,) 0 to 1."""
+
+    def __init__(self, instants: Instants, p: Floats, target: Floats, weights: Floats) -> None:
+        x = evidence(instants, p)[:, :, None] * other_context(instants)[:, None, :]
+        self.x = x.reshape(len(target), -1)
+        self._target, self.weights = target, weights
+
+    def __call__(self, w: Floats) -> tuple[float, Floats]:
+        """(G, R) -> the loss in nats, (G R,) its gradient."""
+        odds = self.x @ w.ravel()
+        loss = float(self.weights @ (np.logaddexp(0.0, odds) - self._target * odds))
+        gradient = self.x.T @ (self.weights * (1 / (1 + np.exp(-np.clip(odds, -30, 30))) - self._target))
+        return loss, gradient
+
+
+def most_probable(loss: "LabelLoss | ElseLoss", mean: Floats, spreads: Floats) -> Floats:
+    """The mode of exp(-loss) times the Gaussian prior; deviations are in spreads, so that all are alike."""
+    from scipy.optimize import minimize
+
+    def negative_log(z: Floats) -> tuple[float, Floats]:
+        value, gradient = loss(mean + z.reshape(mean.shape) * spreads)
+        return value + 0.5 * float(z @ z), gradient * spreads.ravel() + z
+
+    z = minimize(negative_log, np.zeros(mean.size), jac=True, method="L-BFGS-B").x
+    result: Floats = mean + z.reshape(mean.shape) * spreads
+    return result
