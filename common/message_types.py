@@ -23,6 +23,8 @@ STANDING_BY: Final = "standing by"
 SAME_ID_REASON: Final = "another process has this id"
 """The reason in the status of a fusion service that has noticed a second process of its id."""
 LABELS_LIMIT = 10_000
+PARTS_LIMIT = 256
+"""Body parts of one observer."""
 LABEL_LIMIT: Final = 64
 """Characters of a label, as `common.vocabulary.LABEL` has it."""
 LAST_INTEGER: Final = 2**63 - 1
@@ -95,6 +97,30 @@ class Facing(MessagePart):
     def _is_table(self) -> "Facing":
         if len({len(row) for row in self.surprise}) != 1 or not 1 <= len(self.surprise[0]) <= 72:
             raise ValueError("surprise has rows of different lengths, or not 1 to 72 facings")
+        return self
+
+
+class VocabularyHash(MessagePart):
+    """The vocabulary of a probability vector: the hash identifies it; the name is for people and optional."""
+
+    name: ShortText = ""
+    hash: Id
+
+
+class BodyRegionShares(MessagePart):
+    """How much an observer's model leans on each of R regions of the body to recognise each of M movements.
+
+    `hash` is that of its vocabulary. shares: (M, R), percent; 0 for a region with little.
+    """
+
+    hash: Id
+    regions: list[ShortText] = Field(min_length=1, max_length=PARTS_LIMIT)
+    shares: list[list[Annotated[int, Field(ge=0, le=100)]]] = Field(min_length=2, max_length=LABELS_LIMIT)
+
+    @model_validator(mode="after")
+    def _is_table(self) -> "BodyRegionShares":
+        if {len(row) for row in self.shares} != {len(self.regions)}:
+            raise ValueError(f"shares has rows of other lengths than {len(self.regions)}, one for each region")
         return self
 
 

@@ -15,7 +15,9 @@ from common.errors import BadInput
 from common.facets import check_facets, require_sum
 from common.message_types import (
     LABELS_LIMIT,
+    PARTS_LIMIT,
     Bits,
+    BodyRegionShares,
     Count,
     Id,
     Identifier,
@@ -30,10 +32,11 @@ from common.message_types import (
 )
 from common.message_types import Facing as Facing
 from common.message_types import MessagePart as MessagePart
+from common.message_types import VocabularyHash as VocabularyHash
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
-PARTS_LIMIT, WHY_LIMIT = 256, 200  # body parts in one posterior; characters
+WHY_LIMIT = 200  # characters
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
 ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
@@ -45,13 +48,6 @@ class Message(MessagePart):
 
     VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)  # those that can be decoded
     v: Literal[1] = SCHEMA_VERSION
-
-
-class VocabularyHash(MessagePart):
-    """The vocabulary of a probability vector: the hash identifies it; the name is for people and optional."""
-
-    name: ShortText = ""
-    hash: Id
 
 
 class VocabularyReference(VocabularyHash):
@@ -260,7 +256,8 @@ class ObserverStatistics(MessagePart):
 class StatusMessage(Message):
     """The state of a process. `at_ns` is its clock when it sends this: a process that queries it learns the skew.
 
-    `session` is random per process. `observers` are a fusion service's statistics of all senders.
+    `session` is random per process. `observers` are a fusion service's statistics of all senders. `leans_on` is what an
+    observer's model leans on, omitted if unknown.
     """
 
     scene: Identifier
@@ -274,6 +271,7 @@ class StatusMessage(Message):
     at_ns: Time | None = None
     session: Id | None = None
     observers: dict[Id, ObserverStatistics] | None = None
+    leans_on: BodyRegionShares | None = None
 
 
 class VocabularyMessage(Message):

@@ -10,6 +10,7 @@ from typing import Self
 
 from common import SECOND_NS
 from common.errors import LabanmeshError
+from common.message_types import BodyRegionShares
 from common.messages import ObserverStatistics, ProcessState, StatusMessage
 from common.notify import Notifier
 from common.subsession import SubSession
@@ -42,6 +43,8 @@ class ProcessStatus:
         """Random per process; None: not published."""
         self.observers: dict[str, ObserverStatistics] | None = None
         """A fusion service's statistics of its observers."""
+        self.leans_on: BodyRegionShares | None = None
+        """The regions of the body that an observer's model leans on."""
 
     def set_state(self, state: ProcessState, reason: str = "") -> None:
         """Set the state, with its reason in words."""
@@ -77,6 +80,7 @@ class ProcessStatus:
                 at_ns=now_ns,
                 session=self.session,
                 observers=self.observers,
+                leans_on=self.leans_on,
             )
 
     def _current_state(self, now_ns: int) -> tuple[ProcessState, str]:

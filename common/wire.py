@@ -48,6 +48,7 @@ OPTIONAL_DETAIL = (
     ("facing",),
     ("facets",),
     ("why",),
+    ("leans_on",),
     ("observers",),
 )
 """What `encode` leaves out of a message that is too long, in this order, until it fits."""

@@ -1,7 +1,7 @@
 """Times, ages, labels, facets and verdicts as short phrases, the same in every view. Pure."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -10,7 +10,7 @@ from common.facets import FACETS
 from common.messages import JudgementMessage, VerdictMessage, Vote
 from common.text import printable
 from hub.anticipation import EarlyWord
-from hub.scene_state import SOMETHING_ELSE, is_abstention, is_heard, is_waiting
+from hub.scene_state import SOMETHING_ELSE, SceneState, is_abstention, is_heard, is_waiting
 
 WAITING = "waiting for observers"
 
@@ -130,6 +130,22 @@ def manner(judgement: JudgementMessage) -> str:
     phrases = [f"{each.value} {each.p:.0%}" for each in leanings(judgement.facets) if each.value in each.poles]
     direction = facing(judgement.facing_deg)
     return ", ".join([*phrases, *([] if direction is None else [f"facing {facing_words(direction)}"])])
+
+
+def leaning_lines(verdict: VerdictMessage, state: SceneState) -> Iterator[str]:
+    """`cam1 leans on right arm 81%, trunk 12%`: of each observer that was heard and knows it, by weight."""
+    known = state.vocabulary
+    if known is None or known.hash != verdict.vocabulary.hash or verdict.label not in known.labels:
+        return
+    place = known.labels.index(verdict.label)
+    for name, vote in sorted(verdict.votes.items(), key=lambda item: -item[1].weight):
+        status = state.observer_status.get(name)
+        table = None if status is None else status.leans_on
+        if not is_heard(vote) or table is None or table.hash != known.hash or len(table.shares) <= place:
+            continue
+        pairs = sorted(zip(table.regions, table.shares[place], strict=True), key=lambda pair: -pair[1])
+        if regions := ", ".join(f"{region} {share}%" for region, share in pairs if share):
+            yield f"{name} leans on {regions}"
 
 
 def label_words(verdict: VerdictMessage) -> str:

@@ -65,6 +65,26 @@ def test_the_csv_example_is_imported(tmp_path):
     assert np.isnan(recording.positions[2, 0]).all()
 
 
+def test_the_worked_example_of_the_stacker_is_what_it_computes():
+    from common.probability import softmax
+    from observer.model.stacker import evidence, instant_of
+
+    page = (DESIGN / "model.md").read_text("utf-8").split("| k | w_k |")[1].split("\n\n")[0]
+    rows = [[cell.strip("* ").split("= ")[-1] for cell in line.split("|")[2:-1]] for line in page.splitlines()[2:]]
+    weights, members = [float(row[0]) for row in rows[:5]], np.array([row[1:4] for row in rows[:5]], float)
+    segment = np.log([[0.7, 0.2, 0.1], [0.4, 0.4, 0.2]])
+    took = np.array([1.1, 1.8, 4.0]), np.array([0.8, 1.2, 0.6])
+    instant = instant_of(np.array([0.6, 0.3, 0.1]), np.log([0.5, 0.25, 0.1, 0.15]), segment, *took, False, 0.5)
+    assert members == pytest.approx(instant.members, abs=0.01)
+    score = weights @ instant.members
+    p = softmax(score)
+    assert np.array([row[1:4] for row in rows[5:]], float) == pytest.approx(np.array([score, p]), abs=0.01)
+    g = np.array([row[5:7] for row in rows[:6]], float)
+    assert g[:, 1] == pytest.approx(evidence(instant, p), abs=0.01)
+    odds = g[:, 0] @ evidence(instant, p)
+    assert [float(cell) for cell in rows[6][5:7]] == pytest.approx([odds, 1 / (1 + np.exp(-odds))], abs=0.01)
+
+
 def extension(name):
     (code,) = [text for text in blocks(DESIGN / "extend.md", "python") if name in text]
     return executed(code)

@@ -6,6 +6,7 @@ them (static/page.js). The reasons are sentences for people, who know observers 
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote
@@ -13,7 +14,7 @@ from common.text import plural
 from hub.dashboard.placement import FloorPosition
 from hub.same_id import in_words
 from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
-from hub.wording import age, facing, facing_words, leanings, rounded
+from hub.wording import age, facing, facing_words, leaning_lines, leanings, rounded
 
 if TYPE_CHECKING:
     from hub.dashboard.history import MinutePoint, SceneHistory
@@ -105,6 +106,7 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
     state = history.state
     is_named = state.vocabulary is not None and state.vocabulary.hash == verdict.vocabulary.hash
     fused = state.ranked(verdict.p, None, verdict.unlearned) if is_named and state.labels else ()
+    leaning = (f"{line}." for line in islice(leaning_lines(verdict, state), NAMES_LIMIT))
     return {
         "id": verdict.id[:TEXT_LIMIT],
         "label": _text(verdict.label),
@@ -121,7 +123,7 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         "fused": _ranked(fused[:LABELS_SHOWN]),
         **_manner(verdict),
         "votes": [_vote(name, vote, verdict) for name, vote in verdict.votes.items()],
-        "why": [_text(sentence, SENTENCE_LIMIT) for sentence in reasons(verdict, quorum)],
+        "why": [_text(sentence, SENTENCE_LIMIT) for sentence in (*reasons(verdict, quorum), *leaning)],
     }
 
 

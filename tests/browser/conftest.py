@@ -29,9 +29,9 @@ class BrowserScene(PlayedScene):
         with self._lock:
             return JudgementMessage(**self._fields("nthrow", P))
 
-    def report(self, observer, reason):
+    def report(self, observer, reason, **more):
         """An observer's status: degraded."""
-        status = StatusMessage(scene=self.name, id=observer, state="degraded", reason=reason, rate_hz=11.0)
+        status = StatusMessage(scene=self.name, id=observer, state="degraded", reason=reason, rate_hz=11.0, **more)
         self._link._session.put(self.keys.observer_status(observer), encode(status))
 
     def publish(self, number, label="nthrow", ended=False, **more):

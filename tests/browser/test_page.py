@@ -7,6 +7,7 @@ import time
 
 import pytest
 from page_looks import FAINT
+from played_scene import VOCABULARY
 
 # Resolves with the browser's time when the newest line of the log has that label.
 SHOWN = """label => new Promise(done => {
@@ -169,10 +170,14 @@ def test_facets_and_contributions_are_shown(play, look, width):
     assert page.locator(".pole.held").all_inner_texts() == ["sudden", "free", "rising"]
     assert page.inner_text("#facing") == "40° left" and page.get_attribute("#needle", "transform") == "rotate(-40)"
     assert page.inner_text("#fused li:first-child").split() == ["something", "else", "60%"]
+    leans_on = {"hash": VOCABULARY.digest, "regions": ["right arm", "trunk"], "shares": [[81, 12]] * 4}
+    scene.report("cam2", "too dark", leans_on=leans_on)
+    page.wait_for_function(SAYS, arg=["cam2", "too dark"])
     scene.publish(1)
     page.get_by_role("button", name="Why? nthrow").click()
     reasons = page.locator("tr.why").inner_text()
     assert "Without cam1 another answer would have been the likeliest." in reasons and "sudden 90%" in reasons
+    assert "cam2 leans on right arm 81%, trunk 12%." in reasons
     gave = page.locator(".votes td.gave").all_inner_texts()
     assert gave == ["+0.50 nat", "−0.50 nat", "−1.50 nat", "−2.50 nat"]
     assert page.locator(".votes td.needed").all_inner_texts() == ["another"]

@@ -29,7 +29,7 @@ scene = read_scene(Path(sys.argv[1]), {})
 inputs = open_inputs(scene, "cam1")
 
 class Tracking:
-    vocabulary, complaint = Vocabulary(("ok", "nthrow")), ""
+    vocabulary, complaint, leans_on = Vocabulary(("ok", "nthrow")), "", None
     def step(self, frame):
         inputs.tracker.update(frame)
     def end(self):

@@ -63,9 +63,10 @@ VERDICTS = st.builds(
     verdict, **JUDGED, id=WORDS, began_ns=COUNTS, decided_ns=COUNTS, ended_ns=st.none() | COUNTS, why=WHY,
     revises=st.none() | WORDS,
 )  # fmt: skip
+LEANS_ON = {"hash": "h", "regions": ["right arm", "trunk"], "shares": [[81, 12], [0, 100]]}
 STATUSES = st.builds(
     status, scene=IDS, id=IDS, state=st.sampled_from(get_args(ProcessState)), reason=WORDS, rate_hz=st.none() | NUMBERS,
-    last_frame_ns=st.none() | COUNTS, skew_s=st.none() | NUMBERS, version=WORDS,
+    last_frame_ns=st.none() | COUNTS, skew_s=st.none() | NUMBERS, version=WORDS, leans_on=st.none() | st.just(LEANS_ON),
 )  # fmt: skip
 PICTURES = st.builds(
     PictureMessage, captured_ns=COUNTS, width=st.integers(1, PICTURE_SIDE_PX), height=st.integers(1, PICTURE_SIDE_PX),
@@ -259,6 +260,20 @@ def test_no_field_of_the_contract_may_be_missing(name):
 def test_a_listener_rejects_a_verdict_with_fields_out_of_range(fields):
     whole = {**verdict().model_dump(), **fields}
     assert reason_of(VerdictMessage, msgpack.packb(whole)) in ("malformed", "not_finite")
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"shares": [[81, 12], [0]]}, {"shares": [[81, 12]]}, {"shares": [[81, 101], [0, 0]]},
+        {"shares": [[0.5, 0.5]] * 2}, {"shares": [[0, 0]] * 10_001}, {"hash": "h" * 129},
+        {"regions": [], "shares": [[], []]}, {"regions": ["arm"] * 257, "shares": [[0] * 257] * 2},
+    ],
+)  # fmt: skip
+def test_a_listener_rejects_a_status_with_shares_out_of_range(fields):
+    assert decode(StatusMessage, encode(status(leans_on=LEANS_ON))).leans_on.regions == ["right arm", "trunk"]
+    whole = {**status().model_dump(), "leans_on": {**LEANS_ON, **fields}}
+    assert reason_of(StatusMessage, msgpack.packb(whole)) == "malformed"
 
 
 @pytest.mark.parametrize(

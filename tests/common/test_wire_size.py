@@ -45,7 +45,7 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
         label_reliability=0.5,
     )
     contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
-    elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("observers",)
+    elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("leans_on",), ("observers",)
     detail = [d for d in OPTIONAL_DETAIL if d not in elsewhere]
     steps = set()
     for size in range(1000, 6900, 100):
@@ -68,6 +68,9 @@ def test_a_posterior_and_a_status_that_are_too_long_lose_optional_detail():
     assert decoded.facing is None and decoded.facets == long.facets and decoded.p == pytest.approx(long.p, rel=1e-7)
     observers = {f"cam{n}": ObserverStatistics(rejected={"malformed": n}) for n in range(3000)}
     assert decode(StatusMessage, encode(status(observers=observers))) == status()
+    shares = {"hash": "h", "regions": ["arm"] * 7, "shares": [[9] * 7] * 9000}
+    few = {"cam1": observers["cam1"]}
+    assert decode(StatusMessage, encode(status(observers=few, leans_on=shares))) == status(observers=few)
 
 
 def test_a_message_that_cannot_fit_is_an_error_and_not_sent():

@@ -80,7 +80,10 @@ def good_messages(rng):
         VerdictMessage(
             **fields, **movement, contributions=contributions, ended_ns=NOON_NS + 1, stage="ended", revises="byebye"
         ),
-        StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
+        StatusMessage(
+            scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS,
+            leans_on={"hash": NAMES.digest, "regions": ["right arm", "trunk"], "shares": [[81, 12]] * NAMES.size},
+        ),
         VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
         PictureMessage(captured_ns=NOON_NS, width=320, height=240, jpeg=b"\xff\xd8" + bytes(200)),
         TeachRequest(command="begin", teacher="t", labels=list(NAMES.labels), label="bowing", take=2, person="anna"),

@@ -25,7 +25,7 @@ def believed(p=(0.5, 0.5), rest=0.5, visible=None):
 class FakePipeline:
     """Returns `answer(frame)` after each frame; by default what the frame holds."""
 
-    vocabulary, complaint = NAMES, ""
+    vocabulary, complaint, leans_on = NAMES, "", None
 
     def __init__(self, answer=lambda frame: frame.content, at_end=None):
         self.step, self.end = answer, lambda: at_end

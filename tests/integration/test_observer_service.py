@@ -8,6 +8,7 @@ from processes import SOON_S, until
 
 from common.config import read_scene
 from common.errors import BadInput
+from common.message_types import BodyRegionShares
 from common.messages import PosteriorMessage, StatusMessage, VocabularyMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
@@ -114,12 +115,14 @@ def test_each_start_is_a_new_session(scene, mesh, link):
 
 
 def test_it_publishes_its_status(scene, mesh, link):
-    source = FedSource()
-    stop, _ = mesh.run(serve, scene, "cam1", FakePipeline(), source, link)
+    source, pipeline = FedSource(), FakePipeline()
+    pipeline.leans_on = BodyRegionShares(hash=NAMES.digest, regions=["trunk"], shares=[[100], [0]])
+    stop, _ = mesh.run(serve, scene, "cam1", pipeline, source, link)
     assert collect(mesh.statuses, StatusMessage)[0].state == "starting"
     source.offer(believed())
     states = collect(mesh.statuses, StatusMessage, lambda messages: any(s.state != "starting" for s in messages))
     assert states[-1].last_frame_ns == 1001
+    first(mesh.statuses, StatusMessage, lambda status: status.leans_on == pipeline.leans_on)
     stop.set()
     assert collect(mesh.statuses, StatusMessage, lambda messages: messages and messages[-1].state == "stopping")
 

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from common.message_types import BodyRegionShares
 from common.messages import Contribution
 from hub.dashboard.history import LOG_LIMIT, SceneHistory
 from hub.dashboard.page_data import CROWD, PageSetup, reasons, snapshot_data, state_data, verdict_data
@@ -168,6 +169,26 @@ def test_the_reasons_say_without_whom_the_answer_changes(make, after):
     same = "Without any one of them the likeliest answer would have been the same."
     assert same in reasons(make.verdict(1, contributions=both), 1)
     assert verdict_data(make.verdict(1), after(), 1)["votes"][0]["gave"] is None
+
+
+def test_the_reasons_say_what_each_judge_leans_on_for_the_movement_of_the_verdict(make, after):
+    own = BodyRegionShares(
+        hash=make.vocabulary().hash, regions=["trunk", "right arm"], shares=[[50, 50], [0, 100], [100, 0], [12, 81]]
+    )
+    silent = make.vote(state="silent")
+    votes = {"cam1": make.vote(weight=0.3), "cam2": make.vote(weight=0.6), "cam3": make.vote(), "cam4": silent}
+
+    def lines_of(verdict, *tables):
+        statuses = [make.status(f"cam{i}", at_ns=make.NOON, leans_on=each) for i, each in enumerate(tables, 1)]
+        return [line for line in verdict_data(verdict, after(*statuses), 1)["why"] if "leans on" in line]
+
+    verdict, line = make.verdict(1, votes=votes), "leans on right arm 81%, trunk 12%."
+    assert lines_of(verdict, own, own, None, own) == [f"cam2 {line}", f"cam1 {line}"], "the heaviest first"
+    assert lines_of(make.verdict(1, make.NOON, votes=votes, label="abstain"), own) == []
+    others = own.model_copy(update={"hash": "0" * 16}), own.model_copy(update={"shares": own.shares[:2]})
+    assert lines_of(verdict, *others) == [], "a judge with other movements, and one that lies"
+    many = {f"cam{i}": make.vote() for i in range(1, 51)}
+    assert len(lines_of(make.verdict(1, votes=many), *[own] * 50)) == 6
 
 
 def test_the_reasons_of_an_abstention(make, why):
