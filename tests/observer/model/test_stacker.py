@@ -18,6 +18,7 @@ from observer.model.stacker import (
     MOST_ODDS,
     OTHER_CONTEXT,
     TASK,
+    UNLIKE,
     ElseLoss,
     Gaussians,
     Instants,
@@ -111,7 +112,7 @@ def test_an_instant_is_what_the_members_say_in_logarithms_shares_and_ratios(seed
     assert instant.context[:4] == pytest.approx([1, float(shown["over"]), np.log(np.clip(shown["elapsed"], 0.1, 3)), 0])
     assert float(instant.odds) == pytest.approx(np.log(trailing[-1] / trailing[:-1].sum()))
     assert instant.members[4] == pytest.approx(-np.minimum(shown["distances"], FARTHEST))
-    ratio = np.clip(shown["distances"][:-1], 1 / FARTHEST, FARTHEST)
+    ratio = np.clip(shown["distances"][:-1], 1 / FARTHEST, UNLIKE)
     assert instant.by_movement[0] == pytest.approx([*np.log(ratio), 0.0]), "unknown of the last"
     assert instant.by_movement[1] == pytest.approx(np.log(np.clip(shown["extents"], 0.05, 1)))
     together = np.prod([p ** (1 / 3) for p in members[1:]], axis=0)
