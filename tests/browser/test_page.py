@@ -214,9 +214,11 @@ def test_a_lost_connection_is_shown_and_comes_back(play, look):
 def test_words_of_a_peer_are_text(play, look):
     scene, dashboard = play()
     page = look(dashboard.url)
-    scene.publish(1, "<img src=x onerror=alert(1)>")
-    page.wait_for_function("() => document.querySelector('#verdict').textContent.includes('<img')")
-    assert page.locator("#verdict img").count() == 0 == page.locator("#verdicts img").count()
+    scene.how = {"why": "<img src=x onerror=alert(1)>"}
+    page.wait_for_function("() => document.querySelector('#undecided').textContent.includes('<img')")
+    scene.report("cam1", scene.how["why"])
+    page.wait_for_function("() => document.querySelector('main').textContent.split('<img').length > 2")
+    assert page.locator("main img[src=x]").count() == 0
 
 
 def test_colours_can_be_chosen_and_text_has_contrast(play, look):
