@@ -129,6 +129,8 @@ def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
     page.get_by_role("button", name="Next: clap").wait_for()
     page.wait_for_function("() => document.querySelectorAll('.takes svg .trail').length >= 12")
     looks_right(page, "4-review", tmp_path)
+    # Their numbers go on after a take that was not usable, as on a busy machine.
+    first, _, third = taught.state()["observers"][0]["takes"]["wave"]
     page.get_by_role("button", name="Delete take 2").tap()
     page.wait_for_function("() => document.querySelectorAll('.takes li').length === 2")
     tap(page, "One more take")
@@ -136,7 +138,7 @@ def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
     page.wait_for_function(
         "() => document.querySelectorAll('.takes li').length === 3 && document.querySelector('.takes button')"
     )
-    assert taught.state()["observers"][0]["takes"]["wave"] == [1, 3, 4]
+    assert taught.state()["observers"][0]["takes"]["wave"][:2] == [first, third]
     second.get_by_role("button", name="Next: clap").tap()
     page.get_by_role("button", name="Start", exact=True).tap()
     page.get_by_role("button", name="Wait after this take").tap()
