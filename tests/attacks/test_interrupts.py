@@ -129,6 +129,7 @@ def test_ctrl_c_at_a_random_moment(folder, verb):
         with suppress(subprocess.TimeoutExpired):
             process.wait(at_s)
         if process.poll() is not None:
+            process.communicate()
             continue
         text, duration_s = end_of(process)
         assert process.returncode == 130 and "Traceback" not in text, (at_s, text)
