@@ -7,10 +7,14 @@ from common.messages import JudgementMessage, Message, PosteriorMessage, Verdict
 
 SENT_AS_NULL = frozenset({"ended_ns"})
 """Fields whose None is information (the movement has not ended) and is sent as null."""
-SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "rest_reliability", "label_reliability", "root_p")
+SHORT_VOTE_OPTIONAL = (
+    "rest", "skew_s", "unlearned", "reliability", "rest_reliability", "label_reliability", "root_p", "repetitions",
+)  # fmt: skip
 """The fields that a short vote has unless they are null; five others it always has."""
-SELDOM_SENT = ("rest_reliability", "label_reliability", "freshness")
-"""Fields of a full vote that are left out where they are null, because few votes have them."""
+SELDOM_SENT = (
+    "rest_reliability", "label_reliability", "freshness", "repetitions", "shortest_s", "rest_s", "period_s",
+)  # fmt: skip
+"""Fields of a full vote, and of a movement's durations, that are left out where they are null."""
 
 
 def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
@@ -20,6 +24,8 @@ def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
         return {"v": message.v, **message.model_dump(exclude_defaults=True)}
     values = vars(message)
     fields = {name: value for name, value in values.items() if value is not None or name in SENT_AS_NULL}
+    if not fields.get("movements", True):
+        del fields["movements"]
     if short:
         fields["votes"] = {observer: _short_vote(vars(vote)) for observer, vote in values["votes"].items()}
         if values["movement"] is not None:

@@ -65,6 +65,9 @@ Time = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
 Probability = Annotated[_NearProbability, AfterValidator(_clamp)]
 Probabilities = Annotated[list[_NearProbability], AfterValidator(_clamp_all)]
 Bits = Annotated[FiniteFloat, Field(ge=-ROUND_OFF, json_schema_extra={"minimum": 0}), AfterValidator(_not_negative)]
+Seconds = Annotated[FiniteFloat, Field(gt=0, le=86_400)]
+Repetitions = Annotated[FiniteFloat, Field(ge=0)]
+"""Periods of a periodic movement; the one in progress counts in part."""
 Roots = list[Annotated[int, Field(ge=0, le=ROOT_LIMIT)]]
 """A distribution in one byte for each value, two for those over .25 (`common.probability.roots_of`)."""
 
@@ -105,6 +108,17 @@ class VocabularyHash(MessagePart):
 
     name: ShortText = ""
     hash: Id
+
+
+class MovementTimes(MessagePart):
+    """What the takes of a movement say about its durations in seconds; None: not known.
+
+    shortest_s: of its shortest take. rest_s: the shortest rest between two takes. period_s: if its takes are periodic.
+    """
+
+    shortest_s: Seconds | None = None
+    rest_s: Seconds | None = None
+    period_s: Seconds | None = None
 
 
 class BodyRegionShares(MessagePart):

@@ -22,14 +22,16 @@ from common.message_types import (
     Id,
     Identifier,
     Label,
+    MovementTimes,
     Printable,
     Probabilities,
     Probability,
+    Repetitions,
     Roots,
     ShortText,
     Time,
     p_of_roots,
-)
+)  # fmt: skip
 from common.message_types import Facing as Facing
 from common.message_types import MessagePart as MessagePart
 from common.message_types import VocabularyHash as VocabularyHash
@@ -60,7 +62,8 @@ class PosteriorMessage(Message):
     """The posterior of one observer: `p` over the vocabulary's movements, cumulative since the movement began.
 
     `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
-    In version 2 `scene` and `observer` may be omitted, because the key carries them.
+    `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic. In version
+    2 `scene` and `observer` may be omitted, because the key carries them.
     """
 
     VERSIONS: ClassVar[tuple[int, ...]] = (1, 2)
@@ -80,6 +83,7 @@ class PosteriorMessage(Message):
     visible: dict[str, bool] = Field(default_factory=dict, max_length=PARTS_LIMIT)
     facing: Facing | None = None
     facets: dict[str, Probabilities] | None = None
+    repetitions: Repetitions | None = None
 
     @model_validator(mode="after")
     def _is_distribution(self) -> "PosteriorMessage":
@@ -107,8 +111,8 @@ class Vote(MessagePart):
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`:
     its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
     ahead of ours, by which `age_s` is corrected; `reliability`: learned; `rest_reliability`, `label_reliability`:
-    lately, if doubted; `doubles`: correlated observers; `freshness`: what is left of a stale posterior. A short vote
-    has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
+    lately, if doubted; `doubles`: correlated observers; `freshness`: what is left of a stale posterior; `repetitions`:
+    as in its posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
     """
 
     label: Label | None
@@ -128,13 +132,13 @@ class Vote(MessagePart):
     doubles: dict[Id, Probability] | None = None
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
     freshness: Probability | None = None
+    repetitions: Repetitions | None = None
 
     @model_validator(mode="after")
     def _with_p(self) -> "Vote":
         if self.root_p is not None and self.p is None:
-            self.__dict__["p"] = p_of_roots(self.root_p)
-            if self.reliability is None:
-                self.__dict__["reliability"] = 1.0
+            reliability = 1.0 if self.reliability is None else self.reliability
+            self.__dict__.update(p=p_of_roots(self.root_p), reliability=reliability)
         return self
 
 
@@ -148,8 +152,8 @@ class Agreement(MessagePart):
 class OngoingMovement(MessagePart):
     """The movement in progress: the id of its verdict, its beginning, and the decision so far.
 
-    `revises` is the label that `label` replaced; omitted while the first decision stands. `outage_ns` is when a decided
-    movement was seen last before an outage that may have hidden its end; omitted without one.
+    `revises` is the label that `label` replaced, if it was. `outage_ns` is when a decided movement was seen last before
+    an outage that may have hidden its end.
     """
 
     id: Id
@@ -170,9 +174,8 @@ class JudgementMessage(Message):
     left of where recordings face the Door. `movement` is omitted while the person rests; a standby fusion service
     continues from it. `why` explains in a line for people why the movement in progress has no verdict yet; it is
     omitted once the movement is decided, and at rest. `epoch` is one higher than that of the fusion service before: of
-    two services that publish, the one with the lower epoch stops. `session` is random per process.
-
-    While no vote is counted or stale, `label` is empty, `agreement` is 0 of 0, and `p` is the prior.
+    two services that publish, the one with the lower epoch stops. `session` is random per process. `repetitions`: of a
+    periodic movement so far. While no vote is counted or stale, `label` is empty, `agreement` 0 of 0, `p` the prior.
     """
 
     scene: Identifier
@@ -193,6 +196,7 @@ class JudgementMessage(Message):
     why: Annotated[str, Field(max_length=WHY_LIMIT), Printable] | None = None
     epoch: Count | None = None
     session: Id | None = None
+    repetitions: Count | None = None
 
 
 class Contribution(MessagePart):
@@ -211,13 +215,11 @@ class VerdictMessage(JudgementMessage):
 
     `stage`: "decided" is the first word; "revised" replaces a label by another, with `revises`, the label that it
     replaces; "ended" repeats the last label and adds `ended_ns`. A movement without a label before its end, and an
-    abstention without one, have a single message, "ended". The message at the end of a revised movement keeps
-    `revises`. Peers of earlier versions send no `stage`: it is then "ended" if there is an `ended_ns`, else "decided".
-
-    `p`, `votes` and `agreement` are those at `decided_ns`, at the end too; those of an abstention are from the end of
-    the movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or
-    stale; those of an abstention are to the label that was most probable. `facets` are those at the end of the
-    movement, once it is known. `same_as`: the movement's other id, after a split network (docs/reference/wire.md).
+    abstention without one, have a single message, "ended", which keeps the `revises` of a revised movement. `p`,
+    `votes` and `agreement` are those at `decided_ns`, at the end too; those of an abstention are from the end of the
+    movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or stale;
+    those of an abstention are to the label that was most probable. `facets` and `repetitions` are those at the end of
+    the movement, once it is known. `same_as`: the movement's other id, after a split network (docs/reference/wire.md).
     """
 
     id: Id
@@ -232,7 +234,7 @@ class VerdictMessage(JudgementMessage):
     @model_validator(mode="before")
     @classmethod
     def _with_stage(cls, fields: object) -> object:
-        """The fields with a stage, also of an earlier version."""
+        """The fields with a stage; those of an earlier version have none."""
         if not isinstance(fields, Mapping) or fields.get("stage") is not None:
             return fields
         return {**fields, "stage": "decided" if fields.get("ended_ns") is None else "ended"}
@@ -256,8 +258,7 @@ class ObserverStatistics(MessagePart):
 class StatusMessage(Message):
     """The state of a process. `at_ns` is its clock when it sends this: a process that queries it learns the skew.
 
-    `session` is random per process. `observers` are a fusion service's statistics of all senders. `leans_on` is what an
-    observer's model leans on, omitted if unknown.
+    `session` is random per process. `observers` are a fusion service's statistics. `leans_on`: of an observer's model.
     """
 
     scene: Identifier
@@ -275,12 +276,13 @@ class StatusMessage(Message):
 
 
 class VocabularyMessage(Message):
-    """The labels of the movements, in the order of every `p`, and their hash."""
+    """The labels of the movements, in the order of every `p`, their hash, and what their takes say about durations."""
 
     scene: Identifier
     name: ShortText
     hash: Id
     labels: list[Label] = Field(min_length=2, max_length=LABELS_LIMIT)
+    movements: dict[Label, MovementTimes] = Field(default_factory=dict, max_length=LABELS_LIMIT)
 
     @model_validator(mode="after")
     def _hash_fits(self) -> "VocabularyMessage":
@@ -295,4 +297,4 @@ class VocabularyMessage(Message):
     @property
     def vocabulary(self) -> Vocabulary:
         """The vocabulary itself."""
-        return Vocabulary(tuple(self.labels), self.name)
+        return Vocabulary(tuple(self.labels), self.name, self.movements)

@@ -2,11 +2,12 @@
 
 import hashlib
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 from common.errors import BadInput
+from common.message_types import MovementTimes
 
 ABSTAIN = "abstain"
 """The label of a verdict if a movement happened and the observers could not agree on it."""
@@ -20,7 +21,8 @@ RESERVED = (ABSTAIN, "nothing", "rest", "something_else", "undecided", "unlearne
 class Vocabulary:
     """Labels of M movements in the order of every probability vector (1: M in {maestro, ..., nthrow}).
 
-    Two processes understand each other if their `digest` is equal: order and labels count, `name` does not.
+    Two processes understand each other if their `digest` is equal: order and labels count, `name` does not, nor do
+    `movements`, the durations of movements by label, as far as they are known.
 
     Raises BadInput for fewer than two labels, a repeated label, one not in [a-z0-9_]{1,64}, and `abstain`, which is the
     label of a verdict without agreement.
@@ -28,6 +30,7 @@ class Vocabulary:
 
     labels: tuple[str, ...]
     name: str = "movements"
+    movements: Mapping[str, MovementTimes] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         if len(self.labels) < 2:

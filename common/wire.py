@@ -48,6 +48,8 @@ OPTIONAL_DETAIL = (
     ("facing",),
     ("facets",),
     ("why",),
+    ("votes", "repetitions"),
+    ("movements",),
     ("leans_on",),
     ("observers",),
 )
@@ -197,7 +199,9 @@ def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
             f"scene {scene.scene!r}: {' and '.join(parts)} make judgements of up to {size} bytes, a message holds "
             f"{SIZE_LIMIT}; use fewer of them or shorter names, or several scenes"
         )
-    size = len(_packed(fields_of(_vocabulary_message(scene.scene, checked)), single=False))
+    # Without the durations of movements, which are optional detail.
+    names = Vocabulary(checked.labels, checked.name)
+    size = len(_packed(fields_of(_vocabulary_message(scene.scene, names)), single=False))
     if size > SIZE_LIMIT:
         raise BadInput(
             f"scene {scene.scene!r}: the labels of {plural(checked.size, 'movement')} take {size} bytes, a message "
@@ -206,7 +210,10 @@ def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
 
 
 def _vocabulary_message(scene: str, vocabulary: Vocabulary) -> VocabularyMessage:
-    return VocabularyMessage(scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=list(vocabulary.labels))
+    labels, movements = list(vocabulary.labels), dict(vocabulary.movements)
+    return VocabularyMessage(
+        scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=labels, movements=movements
+    )
 
 
 def _packed(fields: dict[str, Any], single: bool) -> bytes:

@@ -150,6 +150,7 @@ class JudgementBuilder:
             "why": why if movement is None or movement.label is None else None,
             "epoch": stamp.epoch,
             "session": stamp.session,
+            "repetitions": None,
         }
         return unchecked(JudgementMessage, fields)
 
@@ -222,6 +223,7 @@ def _vote(
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
         "root_p": roots if is_used else None,
         "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,
+        "repetitions": posterior.repetitions if is_used else None,
     }
     return unchecked(Vote, fields)
 

@@ -66,7 +66,7 @@ class AgedPosterior:
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
     with other observers: learned from verdicts; reliability is also lower for an observer that contradicts itself
-    (reliability.py). freshness: k of rules 3 and 7, 0 to 1.
+    (reliability.py). freshness: k of rules 3 and 7, 0 to 1. repetitions: as published.
     """
 
     observer: str
@@ -81,6 +81,7 @@ class AgedPosterior:
     reliability: float = 1.0
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
+    repetitions: float | None = None
 
     @property
     def information(self) -> float:
@@ -222,7 +223,7 @@ class Roster:
         steadiness = 1.0 if state.steadiness >= enough else round(state.steadiness / enough, 3)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            record.reliability * steadiness, record.correlations, freshness,
+            record.reliability * steadiness, record.correlations, freshness, message.repetitions,
         )  # fmt: skip
         return fresh if freshness == 1.0 else self._faded(fresh)
 

@@ -190,6 +190,7 @@ def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[s
         1.0 if vote.reliability is None else vote.reliability,
         {other: share for other, share in (vote.doubles or {}).items() if other in remaining},
         1.0 if vote.freshness is None else vote.freshness,
+        vote.repetitions,
     )
 
 

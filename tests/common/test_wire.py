@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from message_stage import DISTRIBUTIONS, FIELDS, NAMES, judgement, posterior, reason_of, status, verdict, vote
 from pydantic import ValidationError
 
+from common.message_types import MovementTimes
 from common.messages import (
     WHY_LIMIT,
     Agreement,
@@ -27,7 +28,7 @@ from common.messages import (
 from common.picture_message import PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
 from common.teaching_messages import TeachReply
 from common.text import printable
-from common.vocabulary import ABSTAIN
+from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import (
     SIZE_LIMIT,
     BadMessage,
@@ -322,6 +323,30 @@ def test_the_hash_of_a_vocabulary_must_fit_its_labels():
     whole = decoded.model_dump()
     for fields in ({"hash": "0" * 16}, {"labels": ["lunge", "bow"]}, {"labels": ["bow"]}, {"labels": ["bow", "Bow"]}):
         assert reason_of(VocabularyMessage, msgpack.packb({**whole, **fields})) == "malformed"
+
+
+def test_a_vocabulary_carries_the_durations_of_its_movements_as_far_as_they_are_known():
+    known = {"bow": MovementTimes(shortest_s=0.5, rest_s=0.25, period_s=0.75), "lunge": MovementTimes(shortest_s=1.5)}
+    payload = encode_vocabulary("dojo", Vocabulary(NAMES.labels, NAMES.name, known))
+    assert msgpack.unpackb(payload)["movements"] == {
+        "bow": {"shortest_s": 0.5, "rest_s": 0.25, "period_s": 0.75}, "lunge": {"shortest_s": 1.5},
+    }  # fmt: skip
+    vocabulary = decode(VocabularyMessage, payload).vocabulary
+    assert vocabulary.movements == known and vocabulary == NAMES and hash(vocabulary) == hash(NAMES)
+    assert "movements" not in msgpack.unpackb(encode_vocabulary("dojo", NAMES))
+    whole = msgpack.unpackb(payload)
+    for times in ({"period_s": 0.0}, {"rest_s": -1.0}, {"shortest_s": 1e9}):
+        assert reason_of(VocabularyMessage, msgpack.packb({**whole, "movements": {"bow": times}})) == "malformed"
+
+
+def test_how_often_a_movement_is_done_is_published_where_it_is_counted():
+    counted = decode(PosteriorMessage, encode(posterior(repetitions=2.5)))
+    assert counted.repetitions == 2.5 and decode(PosteriorMessage, encode(posterior())).repetitions is None
+    assert reason_of(PosteriorMessage, msgpack.packb({**FIELDS, "repetitions": -0.5})) == "malformed"
+    short = judgement(votes={"cam1": vote(repetitions=2.5, root_p=[180, 180]), "cam2": vote()}, repetitions=2)
+    fields = msgpack.unpackb(encode(short))
+    assert fields["repetitions"] == 2 and fields["votes"]["cam1"]["repetitions"] == 2.5
+    assert all("repetitions" not in each for each in (fields["votes"]["cam2"], msgpack.unpackb(encode(judgement()))))
 
 
 @pytest.mark.parametrize("kind", KINDS)

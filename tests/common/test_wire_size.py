@@ -43,9 +43,10 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
         doubles=others,
         rest_reliability=0.5,
         label_reliability=0.5,
+        repetitions=2.5,
     )
     contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
-    elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("leans_on",), ("observers",)
+    elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("leans_on",), ("observers",), ("movements",)
     detail = [d for d in OPTIONAL_DETAIL if d not in elsewhere]
     steps = set()
     for size in range(1000, 6900, 100):
