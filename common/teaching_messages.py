@@ -112,10 +112,12 @@ class TakeDoubt(MessagePart):
 class LearnedReport(MessagePart):
     """A model that was learned and is not in force yet.
 
-    results: for each movement, as what its takes were recognised by models that had not learned from them.
+    results: for each movement, as what its takes were recognised by models that had not learned from them. periods:
+    seconds of one repetition of each movement whose takes are periodic.
     """
 
     labels: Labels
+    periods: dict[Label, Seconds] = Field(default_factory=dict, max_length=LABELS_LIMIT)
     results: dict[Label, CountOf] = Field(default_factory=dict, max_length=LABELS_LIMIT)
 
 

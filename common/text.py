@@ -1,7 +1,7 @@
 """Text that people type and read: values of command-line options, plural forms, suggestions. Pure."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 from common.errors import BadInput
 
@@ -16,6 +16,12 @@ _USER = re.compile(r"[^/]*:.*@|[\w.-]+:\d+[/?#]", re.DOTALL)
 def plural(count: int, singular: str, irregular: str = "") -> str:
     """The count with its noun: `1 recording`, `2 recordings`; `irregular` is a plural that does not end in s."""
     return f"{count} {singular if count == 1 else irregular or singular + 's'}"
+
+
+def periods_line(periods: Mapping[str, float]) -> str:
+    """Which movements go on while they are repeated; periods: seconds of one repetition, by label."""
+    repeated = ", ".join(f"{label} every {period_s:.1f} s" for label, period_s in periods.items())
+    return f"repeated: {repeated}; any other movement is a new one each time"
 
 
 def printable(text: str) -> str:

@@ -50,6 +50,12 @@ class Vocabulary:
         return len(self.labels)
 
     @property
+    def periods(self) -> dict[str, float]:
+        """Seconds of one repetition of each periodic movement, by label."""
+        known = {label: times.period_s for label, times in self.movements.items()}
+        return {label: period_s for label, period_s in known.items() if period_s is not None}
+
+    @property
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of the labels, each followed by a newline."""
         return _digest(self.labels)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from common.teaching_messages import LearnedReport, TeachReply
-from common.text import plural
+from common.text import periods_line, plural
 from common.vocabulary import ABSTAIN
 from hub.teaching.interface import Step
 
@@ -112,13 +112,16 @@ def has_kept(replies: Mapping[str, TeachReply]) -> bool:
 
 
 def result_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
-    """How many left-out takes each model recognised, and which movements look alike from where."""
+    """How many left-out takes each model recognised, which movements are repeated, and which look alike from where."""
     lines = []
     for name, report in learned.items():
         rows = [(label, report.results.get(label, {})) for label in report.labels]
         known = [f"{label} {row.get(label, 0)} of {sum(row.values())}" for label, row in rows if row]
         lines.append(f"{name}: {', '.join(known) or 'learned'}")
-    return [*lines, *alike_lines(learned)]
+    # From where it is seen hardly changes the period of a movement.
+    reports = [report for report in learned.values() if set(report.periods) <= set(report.labels)]
+    periods = {label: period_s for report in reports for label, period_s in report.periods.items()}
+    return [*lines, *([periods_line(periods)] if periods else []), *alike_lines(learned)]
 
 
 def alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:

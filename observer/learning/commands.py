@@ -20,6 +20,7 @@ from observer.learning.descriptions import (
     describe_camera,
     describe_evaluation,
     describe_leaning,
+    describe_periods,
     describe_placement,
     describe_vocabulary,
 )
@@ -175,6 +176,7 @@ def _learn_movements(part: _Part) -> str:
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB",
         describe_evaluation(header),
         *describe_leaning(header),
+        *describe_periods(header),
         *describe_placement(header, source.archive),
     ]
     lines += [describe_background(header)] if header.background is not None else []

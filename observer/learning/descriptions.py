@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from common.text import plural
+from common.text import periods_line, plural
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,6 +30,12 @@ def describe_leaning(header: "Header") -> list[str]:
     width = max(map(len, rows), default=0)
     named = {label: ", ".join(f"{region} {share:.0%}" for region, share in row.items()) for label, row in rows.items()}
     return [f"  {label:{width}}  leans on {regions}" for label, regions in named.items() if regions]
+
+
+def describe_periods(header: "Header") -> list[str]:
+    """Which movements are repeated; no line if none is."""
+    periods = header.vocabulary.periods
+    return [periods_line(periods)] if periods else []
 
 
 def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:

@@ -1,8 +1,9 @@
 """The protocol of movement models: learned from examples, stored as arrays, and used to watch a person."""
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import count
 from typing import ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
@@ -23,12 +24,11 @@ Arrays = Mapping[str, NDArray[np.generic]]
 class Header:
     """The vocabulary, view and rate that a model is for, and the origin of what it learned.
 
-    view: name of the view; matrix: (3, 4) the view's projective matrix. rate_hz: frames per second. parameters: the
-    model's own numbers; after learning all of them, so that new defaults in a later version change nothing. provenance:
-    the origin of the examples, for people. calibration: corrects the model's posteriors. background: movements outside
-    the vocabulary, from which the model learned "something else", as from blends (means of two movements); (): from
-    blends only; None: it does not know "something else". placement: where the person stands in the room of a camera
-    file, facing 0 for a model of several facings; None: where the recordings say.
+    view: name of the view; matrix: (3, 4) its projection. parameters: the model's own numbers; after learning all of
+    them, so that new defaults later change nothing. provenance: the origin of the examples, for people. calibration:
+    corrects the posteriors. background: movements outside the vocabulary, from which the model learned "something
+    else", as from blends (means of two movements); (): from blends only; None: it does not know "something else".
+    placement: where the person stands in a camera file's room, facing 0 for several facings; None: as in recordings.
     """
 
     kind: str
@@ -164,6 +164,11 @@ class Watch(Protocol):
         return None
 
     @property
+    def repetitions(self) -> float | None:
+        """Periods of the likeliest movement since it began; None unless its takes are periodic."""
+        return None
+
+    @property
     def rest(self) -> float:
         """Probability that the person is at rest now, before or after a movement."""
 
@@ -291,9 +296,5 @@ def with_features(kind: type[MovementModel], header: Header, examples: Sequence[
 
 def recording_numbers(items: Sequence[Watched]) -> list[int]:
     """For each example or stream the number of its recording; recordings have the same order at every facing."""
-    counts = Counter[int]()
-    numbers = []
-    for item in items:
-        numbers.append(counts[item.facing])
-        counts[item.facing] += 1
-    return numbers
+    numbers = defaultdict[int, Iterator[int]](count)
+    return [next(numbers[item.facing]) for item in items]

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.message_types import MovementTimes
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
 from observer.geometry.placement import PersonPlacement, placement_of, unlike
@@ -152,6 +153,7 @@ def _as_json(header: Header) -> dict[str, Any]:
             "name": header.vocabulary.name,
             "hash": header.vocabulary.digest,
             "labels": list(header.vocabulary.labels),
+            "movements": _times_as_json(header.vocabulary),
         },
         "view": header.view,
         "matrix": header.matrix.tolist(),
@@ -171,6 +173,10 @@ def _calibration_as_json(calibration: PosteriorCalibration) -> dict[str, Any]:
     return {names_in_file.get(name, name): value for name, value in asdict(calibration).items()}
 
 
+def _times_as_json(vocabulary: Vocabulary) -> dict[str, Any]:
+    return {label: times.model_dump(exclude_none=True) for label, times in vocabulary.movements.items()}
+
+
 def _placement_as_json(placement: PersonPlacement) -> dict[str, Any]:
     return {"place": list(placement.place), "facing": placement.facing_deg}
 
@@ -179,7 +185,7 @@ def _header_from(document: dict[str, Any]) -> Header:
     words = document["vocabulary"]
     header = Header(
         kind=document["kind"],
-        vocabulary=Vocabulary(tuple(words["labels"]), words["name"]),
+        vocabulary=Vocabulary(tuple(words["labels"]), words["name"], _times_from(words.get("movements", {}))),
         view=document["view"],
         matrix=np.array(document["matrix"], dtype=np.float64).reshape(3, 4),
         rate_hz=float(document["rate_hz"]),
@@ -197,6 +203,11 @@ def _header_from(document: dict[str, Any]) -> Header:
     if not np.isfinite(header.matrix).all():
         raise ValueError("matrix contains NaN or infinity")
     return header
+
+
+def _times_from(document: dict[str, Any]) -> dict[str, MovementTimes]:
+    """Durations by label; ValueError for numbers out of range."""
+    return {str(label): MovementTimes.model_validate(times) for label, times in document.items()}
 
 
 def _placement_from(document: dict[str, Any]) -> PersonPlacement | None:

@@ -10,6 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -21,8 +22,10 @@ from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
 from observer.model.leaning import LEANS_ON, leans_on
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
+from observer.model.movement_times import oscillations_of, with_times, without_times
 from observer.model.nearest_take import NearestTakes
 from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facings_in
+from observer.model.periodicity import Oscillation
 from observer.model.phase import Phase, posture_reader
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.renumbering import indices_of_remaining, without_background_movement
@@ -98,7 +101,7 @@ class Stacked(LearnsStreams):
         model = cls._assembled(header, phase, table, (), memory)
         leaning = leans_on(model.segments, table.usual_posture, header, memory.examples)
         provenance = {**header.provenance, LEANS_ON: json.dumps(leaning)}
-        model.header, model._table = replace(header, provenance=provenance), table
+        model.header, model._table = with_times(replace(header, provenance=provenance), memory), table
         return model
 
     @classmethod
@@ -121,7 +124,7 @@ class Stacked(LearnsStreams):
 
     def cross_validated(self, cross_validation: CrossValidation) -> LearnedFromOthers:
         """The stacker of the examples and streams of the people left out, each watched by a model of all others."""
-        header, examples = self.header, cross_validation.examples
+        header, examples = without_times(self.header), cross_validation.examples
         facings = facings_in(header.parameters)
         split = [_split(header, e) for e in examples]
         chosen = learned_facings(examples, facings)
@@ -206,6 +209,11 @@ class Stacked(LearnsStreams):
     @classmethod
     def _from_memory(cls, header: Header, phase: Phase, memory: TrainingMemory) -> Self:
         return cls._learned(header, phase, memory.examples, memory.streams)
+
+    @cached_property
+    def oscillations(self) -> Mapping[int, Oscillation]:
+        """How the periodic movements go to and fro, by index in the vocabulary."""
+        return oscillations_of(self.header, self.memory)
 
     def watch(self, onset: Onset) -> StackedWatch:
         """Start watching; a known onset is the begin of the first segment."""

@@ -12,6 +12,7 @@ from observer.model.body_trace import BodyTrace, extent, width_of
 from observer.model.movement_segment import MovementSegment
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
+from observer.model.repetitions import RepetitionCounter
 from observer.model.stacker import Instants, instant_of
 from observer.tracks import Floats, Floats32, Tracks
 
@@ -34,6 +35,7 @@ class StackedWatch(Watch):
         self._model = model
         self._trace = BodyTrace(header.body_parts, header.rate_hz, model.usual_posture)
         self._segment = MovementSegment(header.rate_hz, onset.known, model.longest_segment)
+        self._repetitions = RepetitionCounter(model.oscillations, header.rate_hz) if model.oscillations else None
         self._phase: PhaseWatch | None = None
         self._nearest: NearestTakeWatch | None = None
         self._reader = posture_reader(model.phase.header)
@@ -80,11 +82,14 @@ class StackedWatch(Watch):
         """Take in one frame; whether anything is seen in it."""
         row, frame, begun = self._trace.update(tracks), self._trace.frame, self._segment.begun
         seen = bool(tracks.visible.any())
+        resting = self.rest >= 0.5
+        if self._repetitions is not None:
+            self._repetitions.update(row, resting)
         if seen:
             self._doubt = 0.0
             self._rows = np.concatenate([self._rows[1 - self._model.history :], row[None]])
             self._trailing.update(row)
-            self._segment.update(self.rest >= 0.5, self._answers, len(self._rows))
+            self._segment.update(resting, self._answers, len(self._rows))
             self._left -= 1
         else:
             self._doubt = 1 - (1 - self._doubt) * (1 - FORGET_PER_S / self._model.header.rate_hz)
@@ -159,6 +164,11 @@ class StackedWatch(Watch):
         """(K,) P(something else, facing)."""
         p = (1 - self._doubt) * self._something_else + self._doubt / (len(self._judged) + 1)
         return p * self._facing
+
+    @property
+    def repetitions(self) -> float | None:
+        """Periods of the likeliest movement since it began; None unless its takes are periodic."""
+        return None if self._repetitions is None else self._repetitions.count(int(self._judged.argmax()))
 
     @property
     def rest(self) -> float:

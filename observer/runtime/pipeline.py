@@ -2,8 +2,8 @@
 
 Rules of `SendOnChange`:
 
-1. A posterior is sent at once if the most probable movement, the side of 0.5 of rest or of `unlearned`, or whether any
-   body part is seen differs from the last one sent.
+1. A posterior is sent at once if the most probable movement, its repetitions, the side of 0.5 of rest or of
+   `unlearned`, or whether any body part is seen differs from the last one sent.
 2. It is sent if one of its distributions has moved by more than MAX_CHANGE since then: movements (with their facings,
    where these are sent), rest, `unlearned`, and each facet. Receivers are therefore never further off than that.
 3. It is sent after `heartbeat_s` at the latest, so that no receiver takes the observer for silent or the posterior for
@@ -41,7 +41,7 @@ class Posterior:
     rest. frames: number of frames so far, at the model's rate. visible: per body part, whether it is seen in the newest
     frame. facets: distributions over the values of facets (common.facets), where available. facing: (M, K)
     P(facing | movement), None for a model with one facing. unlearned: probability that the movement is none of the
-    vocabulary, None if the model cannot tell.
+    vocabulary, None if the model cannot tell. repetitions: of the likeliest movement, None unless it is periodic.
     """
 
     p: Floats
@@ -51,6 +51,7 @@ class Posterior:
     facets: Mapping[str, Floats] = field(default_factory=dict)
     facing: Floats | None = None
     unlearned: float | None = None
+    repetitions: float | None = None
 
 
 class Resampler:
@@ -190,7 +191,7 @@ class Observer:
         joint, unlearned = calibrated_posterior(self.watch, self._calibration)
         p: Floats = joint.sum(axis=1)
         facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
-        return Posterior(p, self.watch.rest, self._frames, visible, facets, facing, unlearned)
+        return Posterior(p, self.watch.rest, self._frames, visible, facets, facing, unlearned, self.watch.repetitions)
 
 
 MAX_CHANGE = 0.01
@@ -238,6 +239,7 @@ class PosteriorEncoder:
             visible={} if all(posterior.visible.values()) else dict(posterior.visible),
             facing=None if facing is None else Facing(surprise=encode_facing(facing).tolist()),
             facets={name: p.tolist() for name, p in posterior.facets.items()} or None,
+            repetitions=posterior.repetitions,
         )
         self.seq += 1
         return message
@@ -245,10 +247,7 @@ class PosteriorEncoder:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """The parts of a posterior that are compared.
-
-    discrete: what must not change at all. distributions: what may change by MAX_CHANGE, by name.
-    """
+    """What is compared of a posterior: `discrete` must not change at all, `distributions` by MAX_CHANGE at most."""
 
     discrete: tuple[object, ...]
     distributions: Mapping[str, Floats]
@@ -263,8 +262,8 @@ class Summary:
         if unlearned is not None:
             distributions["unlearned"] = _binary(unlearned)
         blind = bool(posterior.visible) and not any(posterior.visible.values())
-        discrete = (int(p.argmax()), posterior.rest >= 0.5, (unlearned or 0.0) >= 0.5, blind, facing is not None)
-        return cls(discrete, distributions)
+        sides = (int(p.argmax()), posterior.rest >= 0.5, (unlearned or 0.0) >= 0.5, blind, facing is not None)
+        return cls((*sides, posterior.repetitions), distributions)
 
 
 class SendOnChange:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.errors import BadInput, LabanmeshError
-from common.text import plural
+from common.text import periods_line, plural
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -103,6 +103,8 @@ def _teach(
     finally:
         learner.close()
     print(f"{observer}: {_result_line(report)}, of takes that were left out")
+    if report.periods:
+        print(periods_line(report.periods))
     print(f"{observer} recognises {', '.join(labels)} from its next start on")
 
 

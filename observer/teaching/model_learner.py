@@ -117,7 +117,8 @@ class ModelLearner:
             self._run(labels)
             model = read_model(self._next)
             self._observer = self._build(model)
-            self.learned = LearnedReport(labels=list(model.header.vocabulary.labels), results=held_out_of(model.header))
+            vocabulary, results = model.header.vocabulary, held_out_of(model.header)
+            self.learned = LearnedReport(labels=list(vocabulary.labels), results=results, periods=vocabulary.periods)
         except (LabanmeshError, OSError) as error:
             self.fault = str(error)[:TEXT_LIMIT]
             log.warning("learning failed: %s", error)

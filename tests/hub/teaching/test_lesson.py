@@ -306,12 +306,16 @@ def test_all_learn_before_any_changes_and_a_minority_does_not_take_the_others_al
 
 
 def test_movements_look_alike_from_where_they_are_confused():
-    def report(wave):
-        return LearnedReport(labels=["wave", "clap"], results={"wave": wave, "clap": {"clap": 5}})
+    def report(wave, periods):
+        return LearnedReport(labels=["wave", "clap"], results={"wave": wave, "clap": {"clap": 5}}, periods=periods)
 
-    lines = result_lines({"sofa": report({"wave": 4, "clap": 1}), "door": report({"wave": 3, "clap": 2})})
+    lines = result_lines(
+        {"sofa": report({"wave": 4, "clap": 1}, {"wave": 0.82}), "door": report({"wave": 3, "clap": 2}, {})}
+    )
     assert lines == [
         "sofa: wave 4 of 5, clap 5 of 5",
         "door: wave 3 of 5, clap 5 of 5",
+        "repeated: wave every 0.8 s; any other movement is a new one each time",
         "wave and clap look alike from door",
     ]
+    assert "foreign" not in str(result_lines({"sofa": report({"wave": 5}, {"foreign": 1.0})}))

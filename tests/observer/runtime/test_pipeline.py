@@ -49,11 +49,11 @@ def encoded(posterior, **options):
 
 
 def test_facing_and_unlearned_are_in_the_message():
-    message = encoded(posterior(facing=FACING, unlearned=0.125))
-    assert message.unlearned == 0.125
+    message = encoded(posterior(facing=FACING, unlearned=0.125, repetitions=2.5))
+    assert message.unlearned == 0.125 and message.repetitions == 2.5
     assert decode_facing(np.array(message.facing.surprise)) == pytest.approx(FACING, abs=0.03)
     without = encoded(posterior())
-    assert without.unlearned is None and without.facing is None and without.facets is None
+    assert {without.unlearned, without.facing, without.facets, without.repetitions} == {None}
 
 
 @pytest.mark.parametrize("off", [1 + 2**-52, -(2**-60)])
@@ -101,6 +101,7 @@ class CountingWatch:
     """Its posterior is in quarters of its number of frames; after the end, one movement is sure."""
 
     rest, unlearned, predictive_log_likelihood, joint, p = 0.0, None, None, None, np.array([0.5, 0.5])
+    repetitions = None
 
     def __init__(self):
         self.frames = self.passed = 0
@@ -233,7 +234,7 @@ def test_a_change_is_sent_at_once(changed):
 @pytest.mark.parametrize(
     ("before", "after"),
     [({"p": (0.501, 0.499)}, {"p": (0.499, 0.501)}), ({"rest": 0.499}, {"rest": 0.5}),
-     ({"unlearned": 0.499}, {"unlearned": 0.5})],
+     ({"unlearned": 0.499}, {"unlearned": 0.5}), ({"repetitions": 1.0}, {"repetitions": 1.5})],
 )  # fmt: skip
 def test_another_decision_is_sent_however_small_the_change(before, after):
     on_change = SendOnChange(HEARTBEAT_S)

@@ -1,0 +1,138 @@
+"""Whether the takes of a movement are periodic, with which period, and along which axes they go to and fro. Pure.
+
+The period is the lag at which a movement is most like itself: the first of the high peaks of the normalised square
+difference function (McLeod and Wyvill, "A smarter way to find pitch", ICMC 2005, sections 4 to 6), here of all parts at
+once, and over the part of a take where it is highest (docs/design/model.md).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from observer.tracks import Floats
+
+ANALYSED_HZ = 15.0
+"""Traces at twice this rate or more are thinned out: no part of a body goes to and fro five times a second."""
+SHORTEST_S = 0.25
+"""What goes to and fro faster is the noise of a tracker: waving hands were never faster in kinder_gator."""
+COMPARED_PERIODS = 2
+"""A take is compared with itself over so many periods, so that it holds one more. A stroke, its return and a second
+stroke are not periodic yet."""
+LEAST_CORRELATION = 0.6
+"""Of a periodic take. In kinder_gator, karate and MSR Action3D single strokes have .0 to .5, repetitions .6 to 1."""
+SMALLEST = 0.06
+"""Body sizes, root mean square of all parts together: what people who hold a pose do not exceed (.03 to .06)."""
+NEARLY_HIGHEST = 0.9
+"""The first peak that is nearly the highest tells the period: those after it tell its multiples."""
+AXES = 2
+"""Principal directions of a movement: people repeat it with the one hand or with the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """How a take repeats itself: lag in frames, correlation 0 to 1, and frames begin..end-1 that show it."""
+
+    lag: float
+    correlation: float
+    begin: int
+    end: int
+
+
+def postures_of(trace: Floats) -> Floats:
+    """(F, 2 P + 3) trace -> (F, 2 P) places of the parts relative to the body, but for its path up and down."""
+    places = np.array(trace[:, :-3], np.float64)
+    places[:, 1::2] += trace[:, -2:-1]
+    return places
+
+
+def thinned(postures: Floats, rate_hz: float) -> tuple[Floats, float]:
+    """Means of so many frames (F, D) that at least ANALYSED_HZ are left, and their rate."""
+    step = max(int(rate_hz / ANALYSED_HZ), 1)
+    frames = len(postures) // step
+    means: Floats = postures[: frames * step].reshape(frames, step, -1).mean(axis=1)
+    return means, rate_hz / step
+
+
+def without_drift(postures: Floats, lag: int) -> Floats:
+    """Postures (F, D) less their means over `lag` frames around each, fewer at both ends."""
+    sums = np.concatenate([np.zeros((1, postures.shape[1])), postures.cumsum(axis=0)])
+    frames = np.arange(len(postures))
+    # The same number of frames before and after: otherwise a part of the speed would be left.
+    first, last = np.maximum(frames - lag // 2, 0), np.minimum(frames + lag // 2 + 1, len(postures))
+    drift = (sums[last] - sums[first]) / (last - first)[:, None]
+    result: Floats = postures - drift
+    return result
+
+
+def period_in(postures: Floats, rate_hz: float) -> Period | None:
+    """How the postures (F, D) of one take repeat themselves; None if they do not, or too little to tell."""
+    at_lag = [_at_lag(postures, lag) for lag in range(2, len(postures) // (COMPARED_PERIODS + 1) + 1)]
+    heights = np.array([-1.0, *(found.correlation for found in at_lag), -1.0])
+    is_peak = (heights[1:-1] >= heights[:-2]) & (heights[1:-1] > heights[2:])
+    peaks = [n for n in np.flatnonzero(is_peak) if at_lag[n].lag >= SHORTEST_S * rate_hz]
+    highest = max((heights[n + 1] for n in peaks), default=0.0)
+    if highest < LEAST_CORRELATION:
+        return None
+    return at_lag[next(n for n in peaks if heights[n + 1] >= NEARLY_HIGHEST * highest)]
+
+
+def _at_lag(postures: Floats, lag: int) -> Period:
+    """The part of COMPARED_PERIODS that is most like what follows it a lag later.
+
+    r = 2 sum x(t) x(t + lag) / sum (x(t)^2 + x(t + lag)^2), of postures x without drift. The noise of a pause is not
+    compared: the sum below is at least half of what it is in the whole take on average.
+    """
+    x = without_drift(postures, lag)
+    products, squares = 2 * np.einsum("fd,fd->f", x[:-lag], x[lag:]), np.einsum("fd,fd->f", x, x)
+    squares = squares[:-lag] + squares[lag:]
+    compared = COMPARED_PERIODS * lag
+    alike, energy = _sums_over(products, compared), _sums_over(squares, compared)
+    least = compared * max(float(squares.mean()) / 2, 2 * SMALLEST**2)
+    r = alike / np.maximum(energy, least)
+    begin = int(r.argmax())
+    return Period(lag, float(r[begin]), begin, begin + compared + lag)
+
+
+def _sums_over(values: Floats, count: int) -> Floats:
+    sums = np.concatenate([[0.0], values.cumsum()])
+    result: Floats = sums[count:] - sums[:-count]
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class Oscillation:
+    """How a periodic movement goes to and fro.
+
+    axes: (A, 2 P) unit vectors, the strongest first; swing: body sizes from one turning point to the next along the
+    strongest. rest_s: the shortest rest between two takes, None: not known.
+    """
+
+    period_s: float
+    axes: Floats
+    swing: float
+    rest_s: float | None = None
+
+
+def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | None:
+    """The oscillation that more than half of the takes, traces (F, 2 P + 3), agree on; None if they do not."""
+    found = []
+    for trace in takes:
+        postures, thinned_hz = thinned(postures_of(trace), rate_hz)
+        period = period_in(postures, thinned_hz)
+        if period is not None:
+            found.append((period.lag / thinned_hz, _cycles(postures, period)))
+    if 2 * len(found) <= len(takes):
+        return None
+    moments = sum(moment for _, (moment, _) in found)
+    axes = np.linalg.eigh(moments)[1].T[::-1][:AXES]
+    swings = [float((cycles @ axes.T).std(axis=0).max()) * 2 * np.sqrt(2) for _, (_, cycles) in found]
+    return Oscillation(float(np.median([period_s for period_s, _ in found])), axes, float(np.median(swings)))
+
+
+def _cycles(postures: Floats, period: Period) -> tuple[Floats, Floats]:
+    """(D, D) second moment of the directions in which the postures go once a period, trace 1; and the cycles (F, D)."""
+    cycles = without_drift(postures, int(period.lag))[period.begin : period.end]
+    wave = np.exp(-2j * np.pi * np.arange(len(cycles)) / period.lag) @ cycles
+    moment: Floats = (np.outer(wave, wave.conj()).real / (np.abs(wave) ** 2).sum()).astype(np.float64)
+    return moment, cycles
