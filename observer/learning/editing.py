@@ -31,7 +31,7 @@ from observer.model.cross_validation import held_out_of
 from observer.model.even_spread import evenly_spread
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
-from observer.model.training_memory import TrainingMemory, trace_in
+from observer.model.training_memory import Remembers, trace_in
 from observer.model.training_rows import LEARNED_FACINGS
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
 from observer.motion.placing import placed
@@ -56,15 +56,6 @@ class Editable(Protocol):
 
     def shrunk(self, header: Header, remaining: Sequence[int]) -> MovementModel:
         """The same model for a vocabulary of only these movements, in their order."""
-
-
-@runtime_checkable
-class Remembers(Protocol):
-    """A model that keeps the traces of all its examples and streams."""
-
-    @property
-    def memory(self) -> TrainingMemory:
-        """What it was learned from."""
 
 
 @dataclass(frozen=True, slots=True)

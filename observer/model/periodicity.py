@@ -5,6 +5,7 @@ difference function (McLeod and Wyvill, "A smarter way to find pitch", ICMC 2005
 once, and over the part of a take where it is highest (docs/design/model.md).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,8 @@ SMALLEST = 0.06
 """Body sizes, root mean square of all parts together: what people who hold a pose do not exceed (.03 to .06)."""
 NEARLY_HIGHEST = 0.9
 """The first peak that is nearly the highest tells the period: those after it tell its multiples."""
+TINY = 1e-12
+"""Square body sizes: the divisor for takes in which nothing moves."""
 AXES = 2
 """Principal directions of a movement: people repeat it with the one hand or with the other."""
 
@@ -33,7 +36,7 @@ AXES = 2
 class Period:
     """How a take repeats itself: lag in frames, correlation 0 to 1, and frames begin..end-1 that show it."""
 
-    lag: float
+    lag: int
     correlation: float
     begin: int
     end: int
@@ -46,12 +49,11 @@ def postures_of(trace: Floats) -> Floats:
     return places
 
 
-def thinned(postures: Floats, rate_hz: float) -> tuple[Floats, float]:
-    """Means of so many frames (F, D) that at least ANALYSED_HZ are left, and their rate."""
-    step = max(int(rate_hz / ANALYSED_HZ), 1)
+def thinned(postures: Floats, step: int) -> Floats:
+    """(F, D) -> (F // step, D) means of `step` frames."""
     frames = len(postures) // step
-    means: Floats = postures[: frames * step].reshape(frames, step, -1).mean(axis=1)
-    return means, rate_hz / step
+    means: Floats = postures[: frames * step].reshape(frames, step, postures.shape[1]).mean(axis=1)
+    return means
 
 
 def without_drift(postures: Floats, lag: int) -> Floats:
@@ -68,7 +70,7 @@ def without_drift(postures: Floats, lag: int) -> Floats:
 def period_in(postures: Floats, rate_hz: float) -> Period | None:
     """How the postures (F, D) of one take repeat themselves; None if they do not, or too little to tell."""
     at_lag = [_at_lag(postures, lag) for lag in range(2, len(postures) // (COMPARED_PERIODS + 1) + 1)]
-    heights = np.array([-1.0, *(found.correlation for found in at_lag), -1.0])
+    heights = np.array([-1.0, *(period.correlation for period in at_lag), -1.0])
     is_peak = (heights[1:-1] >= heights[:-2]) & (heights[1:-1] > heights[2:])
     peaks = [n for n in np.flatnonzero(is_peak) if at_lag[n].lag >= SHORTEST_S * rate_hz]
     highest = max((heights[n + 1] for n in peaks), default=0.0)
@@ -114,25 +116,30 @@ class Oscillation:
     rest_s: float | None = None
 
 
-def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | None:
-    """The oscillation that more than half of the takes, traces (F, 2 P + 3), agree on; None if they do not."""
-    found = []
-    for trace in takes:
-        postures, thinned_hz = thinned(postures_of(trace), rate_hz)
-        period = period_in(postures, thinned_hz)
-        if period is not None:
-            found.append((period.lag / thinned_hz, _cycles(postures, period)))
-    if 2 * len(found) <= len(takes):
+def oscillation_of(takes: Sequence[Floats], rate_hz: float, *, repeated: bool = False) -> Oscillation | None:
+    """The oscillation that more than half of the takes, traces (F, 2 P + 3), agree on; None if they do not.
+
+    repeated: somebody says that the movement is repeated; without periods in its takes, each take is one.
+    """
+    step = max(int(rate_hz / ANALYSED_HZ), 1)
+    postures, thinned_hz = [thinned(postures_of(trace), step) for trace in takes], rate_hz / step
+    periods = [period_in(each, thinned_hz) for each in postures]
+    if repeated and 2 * sum(period is not None for period in periods) <= len(takes):
+        periods = [Period(len(each), 1.0, 0, len(each)) if len(each) > 1 else None for each in postures]
+    shown = [(each, period) for each, period in zip(postures, periods, strict=True) if period is not None]
+    if 2 * len(shown) <= len(takes):
         return None
-    moments = sum(moment for _, (moment, _) in found)
-    axes = np.linalg.eigh(moments)[1].T[::-1][:AXES]
-    swings = [float((cycles @ axes.T).std(axis=0).max()) * 2 * np.sqrt(2) for _, (_, cycles) in found]
-    return Oscillation(float(np.median([period_s for period_s, _ in found])), axes, float(np.median(swings)))
+    cycles = [without_drift(each, period.lag)[period.begin : period.end] for each, period in shown]
+    directions = sum(_directions(each, period.lag) for each, (_, period) in zip(cycles, shown, strict=True))
+    axes = np.linalg.eigh(directions)[1].T[::-1][:AXES]
+    # Of a sine.
+    swings = [float((each @ axes.T).std(axis=0).max()) * 2 * math.sqrt(2) for each in cycles]
+    period_s = float(np.median([period.lag for _, period in shown])) / thinned_hz
+    return Oscillation(period_s, axes, float(np.median(swings)))
 
 
-def _cycles(postures: Floats, period: Period) -> tuple[Floats, Floats]:
-    """(D, D) second moment of the directions in which the postures go once a period, trace 1; and the cycles (F, D)."""
-    cycles = without_drift(postures, int(period.lag))[period.begin : period.end]
-    wave = np.exp(-2j * np.pi * np.arange(len(cycles)) / period.lag) @ cycles
-    moment: Floats = (np.outer(wave, wave.conj()).real / (np.abs(wave) ** 2).sum()).astype(np.float64)
-    return moment, cycles
+def _directions(cycles: Floats, lag: int) -> Floats:
+    """(D, D) second moment of the directions in which postures (F, D) go to and fro once a period; its trace is 1."""
+    wave = np.exp(-2j * np.pi * np.arange(len(cycles)) / lag) @ cycles
+    moment: Floats = np.outer(wave, wave.conj()).real / max(float((np.abs(wave) ** 2).sum()), TINY)
+    return moment

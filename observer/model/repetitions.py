@@ -36,40 +36,39 @@ class RepetitionCounter:
         self._longest = LONGEST_STAY * rate_hz * np.array([oscillation.period_s for oscillation in own])
         pauses_s = [PAUSE_S if oscillation.rest_s is None else oscillation.rest_s for oscillation in own]
         self._pauses = np.round(rate_hz * np.array(pauses_s))
-        shape = self._axes.shape[:2]
-        self._highest, self._lowest = np.full(shape, -np.inf), np.full(shape, np.inf)
-        self._direction, self._turns, self._stayed = np.zeros(shape), np.zeros(shape), np.zeros(shape[0])
-        self._over, self._rested = np.zeros(shape[0], np.bool_), 0
+        # At first it is not known whether the person goes to or fro: the first of two axes expects the one, the second
+        # the other. From the first turn on they are the same.
+        shape = (2, *self._axes.shape[:2])
+        self._sense = np.ones(shape)
+        self._sense[1] = -1.0
+        self._farthest, self._turns = np.full(shape, -np.inf), np.zeros(shape)
+        self._stayed, self._over, self._rested = np.zeros(shape[1]), np.zeros(shape[1], np.bool_), 0
 
     def update(self, row: Floats32, resting: bool) -> None:
         """Take in one frame: (2 P + 3,) row of the trace, and whether the person rests."""
         self._rested = self._rested + 1 if resting else 0
         if resting:
             self._over |= self._pauses == self._rested
-        place = self._axes @ row
-        np.maximum(self._highest, place, out=self._highest)
-        np.minimum(self._lowest, place, out=self._lowest)
         self._stayed += 1
-        rises = (place - self._lowest >= self._least) & (self._direction <= 0)
-        falls = (self._highest - place >= self._least) & (self._direction >= 0)
-        turned = rises | falls
+        place = self._sense * (self._axes @ row)
+        np.maximum(self._farthest, place, out=self._farthest)
+        turned = self._farthest - place >= self._least
         if turned.any():
-            self._turn(turned, rises, place)
+            self._turn(turned, place)
 
-    def _turn(self, turned: NDArray[np.bool_], rises: NDArray[np.bool_], place: Floats) -> None:
-        movements = turned.any(axis=1)
-        self._turns[movements & (self._over | (self._stayed > self._longest))] = 0
+    def _turn(self, turned: NDArray[np.bool_], place: Floats) -> None:
+        movements = turned.any(axis=(0, 2))
+        self._turns[:, movements & (self._over | (self._stayed > self._longest))] = 0
         self._over[movements] = False
-        self._turns += turned
         self._stayed[movements] = 0
-        self._direction[turned] = np.where(rises, 1, -1)[turned]
-        np.copyto(self._highest, place, where=turned)
-        np.copyto(self._lowest, place, where=turned)
+        self._turns += turned
+        self._sense[turned] *= -1
+        self._farthest[turned] = -place[turned]
 
     def count(self, movement: int) -> float | None:
         """Periods of the movement since it began; None if it is not periodic."""
         place = self._place.get(movement)
-        return None if place is None else float(self._turns[place].max()) / 2
+        return None if place is None else float(self._turns[:, place].max()) / 2
 
 
 def _of_rows(axes: Floats) -> Floats:

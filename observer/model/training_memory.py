@@ -5,7 +5,7 @@ They are stored as traces (`body_trace.py`), float32: 36 bytes a frame for hands
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +90,15 @@ class TrainingMemory:
         if not all(-background <= movement < movements for movement in shown):
             raise ValueError("an example's movement is outside the vocabulary and the background")
         return cls(tuple(examples), tuple(replace(s, spans=tuple(spans.get(n, ()))) for n, s in enumerate(streams)))
+
+
+@runtime_checkable
+class Remembers(Protocol):
+    """The additional property of a model that keeps the traces of all its examples and streams."""
+
+    @property
+    def memory(self) -> TrainingMemory:
+        """What it was learned from."""
 
 
 def trace_in(source: Example | Stream) -> Floats:

@@ -49,8 +49,8 @@ def strokes(count, length_s=0.8, rest_s=0.4, amplitude=1.0, rate_hz=RATE_HZ):
 
 
 def period_of(hand, rate_hz=RATE_HZ, seed=0):
-    found = period_in(trace_of(hand, np.random.default_rng(seed))[:, :-3], rate_hz)
-    return None if found is None else found.lag / rate_hz
+    period = period_in(trace_of(hand, np.random.default_rng(seed))[:, :-3], rate_hz)
+    return None if period is None else period.lag / rate_hz
 
 
 @pytest.mark.parametrize("period_s", [0.4, 0.6, 0.8, 1.0, 1.3])
@@ -94,8 +94,8 @@ def test_begin_size_speed_direction_and_lost_frames_do_not_matter(shift_s, scale
     gone[0] = False
     # A trace holds a part where it was last seen.
     hand = hand[np.maximum.accumulate(np.where(gone, 0, np.arange(len(hand))))]
-    found = period_of(hand[:, None] * (np.cos(angle), np.sin(angle)), seed=seed)
-    assert found == pytest.approx(0.8 / tempo, abs=1 / RATE_HZ)
+    period_s = period_of(hand[:, None] * (np.cos(angle), np.sin(angle)), seed=seed)
+    assert period_s == pytest.approx(0.8 / tempo, abs=1 / RATE_HZ)
 
 
 def test_more_than_half_of_the_takes_have_to_be_periodic():
@@ -103,10 +103,10 @@ def test_more_than_half_of_the_takes_have_to_be_periodic():
     waves = [trace_of(wave(period_s), rng) for period_s in (0.7, 0.8, 1.0)]
     single = [trace_of(strokes(1), rng) for _ in range(3)]
     assert oscillation_of([*waves, *single], RATE_HZ) is None and oscillation_of([], RATE_HZ) is None
-    found = oscillation_of([*waves, *single[1:]], RATE_HZ)
-    assert found.period_s == pytest.approx(0.8, abs=0.5 / RATE_HZ)
-    assert found.swing == pytest.approx(0.6, rel=0.1), "from one turning point to the next"
-    assert abs(found.axes[0, 0]) > 0.99, "from side to side"
+    oscillation = oscillation_of([*waves, *single[1:]], RATE_HZ)
+    assert oscillation.period_s == pytest.approx(0.8, abs=0.5 / RATE_HZ)
+    assert oscillation.swing == pytest.approx(0.6, rel=0.1), "from one turning point to the next"
+    assert abs(oscillation.axes[0, 0]) > 0.99, "from side to side"
 
 
 @pytest.mark.parametrize("rate_hz", [10.0, 15.0, 30.0, 60.0])
@@ -138,6 +138,14 @@ def test_every_repetition_counts_once_at_any_tempo_size_and_drift(claps, count, 
     hand = np.concatenate([strokes(count, length_s, rest_s, scale), np.zeros(3)])
     counts = counts_of(claps, hand + drift * np.arange(len(hand)) / RATE_HZ, seed)
     assert counts[-1] == count and all(0 <= after - before <= 0.5 for before, after in pairwise(counts))
+
+
+def test_where_somebody_says_that_it_is_repeated_a_take_of_one_stroke_is_one_repetition():
+    takes = [trace_of(strokes(1, rest_s=0.0), np.random.default_rng(n)) for n in range(3)]
+    assert oscillation_of(takes, RATE_HZ) is None
+    oscillation = oscillation_of(takes, RATE_HZ, repeated=True)
+    assert oscillation.period_s == pytest.approx(0.8)
+    assert counts_of(oscillation, strokes(6, rest_s=0.3))[-1] == 6
 
 
 @pytest.mark.parametrize(("rest_s", "is_seen"), [(0.6, True), (4.0, False)])
@@ -184,8 +192,8 @@ def recorded(data, msr):
 @pytest.mark.parametrize("label", [*REPEATED, *SINGLE])
 def test_of_recorded_people_repetitions_are_periodic_and_strokes_are_not(recorded, label):
     takes, rates_hz = zip(*recorded[label], strict=True)
-    found = oscillation_of(takes, rates_hz[0])
-    assert (found is not None) == (label in REPEATED)
+    oscillation = oscillation_of(takes, rates_hz[0])
+    assert (oscillation is not None) == (label in REPEATED)
 
 
 def test_recorded_people_who_squat_ten_times_are_counted_right(data):
