@@ -1,16 +1,18 @@
 """What a model's takes tell about the durations of its movements: shortest take and rest, period. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from common.message_types import MovementTimes
-from observer.model.base import Header, MovementModel
+from observer.model.base import Header, MovementModel, StreamSpan
 from observer.model.periodicity import Oscillation, oscillation_of
 from observer.model.training_memory import Remembers, TrainingMemory, trace_in
 from observer.tracks import Floats
 
 DIGITS = 3
 """Durations are known to a millisecond."""
+TOUCHING_S = 0.1
+"""Spans so near to each other have no rest between them: where a movement ends is not known better."""
 
 
 def with_times(header: Header, memory: TrainingMemory) -> Header:
@@ -22,24 +24,46 @@ def with_times(header: Header, memory: TrainingMemory) -> Header:
 
 
 def _times_of(movement: int, memory: TrainingMemory, rate_hz: float) -> MovementTimes:
-    takes = _takes_of(movement, memory)
-    oscillation = oscillation_of(takes, rate_hz)
-    # Of movements that touch each other, rest is not known.
+    takes = [len(trace_in(example)) for example in memory.examples if example.movement == movement]
+    oscillation = oscillation_of(_takes_of(movement, memory, rate_hz), rate_hz)
     rests = [
         following.begin - span.end
         for stream in memory.streams
         for span, following in zip(stream.spans, stream.spans[1:], strict=False)
-        if span.movement == following.movement == movement and span.end < following.begin
+        if span.movement == following.movement == movement and not _touch(span, following, rate_hz)
     ]
     return MovementTimes(
-        shortest_s=round(min(map(len, takes)) / rate_hz, DIGITS) if takes else None,
+        shortest_s=round(min(takes) / rate_hz, DIGITS) if takes else None,
         rest_s=round(min(rests) / rate_hz, DIGITS) if rests else None,
         period_s=_period_s(oscillation),
     )
 
 
-def _takes_of(movement: int, memory: TrainingMemory) -> list[Floats]:
-    return [trace_in(example) for example in memory.examples if example.movement == movement]
+def _takes_of(movement: int, memory: TrainingMemory, rate_hz: float) -> list[Floats]:
+    """The traces of its takes; of spans that follow each other without rest, the trace from the first to the last."""
+    takes, joined = [], set[tuple[str, str]]()
+    for stream in memory.streams:
+        spans = [span for span in stream.spans if span.movement == movement]
+        for run in _runs_of(spans, rate_hz):
+            joined |= {(stream.subject, span.trial) for span in run}
+            takes.append(trace_in(stream)[run[0].begin : run[-1].end])
+    alone = (e for e in memory.examples if e.movement == movement and (e.subject, e.trial) not in joined)
+    return [*takes, *map(trace_in, alone)]
+
+
+def _touch(span: StreamSpan, following: StreamSpan, rate_hz: float) -> bool:
+    return following.begin - span.end <= TOUCHING_S * rate_hz
+
+
+def _runs_of(spans: Sequence[StreamSpan], rate_hz: float) -> list[list[StreamSpan]]:
+    """The runs of two spans and more of which each begins where the one before ends."""
+    runs = list[list[StreamSpan]]()
+    for span in spans:
+        if runs and _touch(runs[-1][-1], span, rate_hz):
+            runs[-1].append(span)
+        else:
+            runs.append([span])
+    return [run for run in runs if len(run) > 1]
 
 
 def without_times(header: Header) -> Header:
@@ -56,7 +80,7 @@ def with_repeats(model: MovementModel, repeats: Mapping[str, bool]) -> MovementM
     for label, times in header.vocabulary.movements.items():
         is_repeated = repeats.get(label, times.period_s is not None)
         if is_repeated != (times.period_s is not None) and isinstance(model, Remembers):
-            takes = _takes_of(header.vocabulary.index(label), model.memory)
+            takes = _takes_of(header.vocabulary.index(label), model.memory, header.rate_hz)
             oscillation = oscillation_of(takes, header.rate_hz, repeated=True) if is_repeated else None
             changed[label] = times.model_copy(update={"period_s": _period_s(oscillation)})
     if not changed:
@@ -76,7 +100,7 @@ def oscillations_of(header: Header, memory: TrainingMemory) -> dict[int, Oscilla
     for movement, label in enumerate(header.vocabulary.labels):
         times = header.vocabulary.movements.get(label)
         if times is not None and times.period_s is not None:
-            oscillation = oscillation_of(_takes_of(movement, memory), header.rate_hz, repeated=True)
+            oscillation = oscillation_of(_takes_of(movement, memory, header.rate_hz), header.rate_hz, repeated=True)
             if oscillation is not None:
                 oscillations[movement] = replace(oscillation, rest_s=times.rest_s)
     return oscillations

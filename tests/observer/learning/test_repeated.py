@@ -14,7 +14,7 @@ from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
 from observer.model.movement_times import with_repeats
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, Span
 from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS, Frame
 from studies.performer import perform, perform_continuously
@@ -74,6 +74,19 @@ def test_the_rest_between_two_takes_is_known_from_continuous_recordings():
     assert movements["ok"].rest_s == pytest.approx((spans[2].start - spans[1].end) / rate_hz, abs=1e-3)
     assert movements["point"].rest_s == pytest.approx((spans[4].start - spans[3].end) / rate_hz, abs=1e-3)
     assert movements["ok"].period_s is None
+
+
+def test_spans_that_touch_are_repetitions_of_one_movement():
+    (recording,) = perform(("1",), ("point",), trials=1).recordings
+    count, length = 5, len(recording.positions)
+    spans = tuple(Span(n * length, (n + 1) * length, "point") for n in range(count))
+    positions = np.tile(recording.positions, (count, 1, 1))
+    squats = replace(recording, positions=positions, label="", spans=spans)
+    single = perform(("1",), ("ok",), trials=2).recordings
+    movements = learned(MotionArchive(BODY_PARTS, (squats, *single)), ("point", "ok")).header.vocabulary.movements
+    length_s = length / recording.rate_hz
+    assert movements["point"].period_s == pytest.approx(length_s, abs=0.1)
+    assert movements["point"].shortest_s == pytest.approx(length_s, abs=1e-3) and movements["point"].rest_s is None
 
 
 def waving(turns_s, rate_hz=15.0):
