@@ -4,11 +4,12 @@
 2. If the next message has the same bytes but for the numbers of the layout, these are read from their places. Nothing
    else needs a check, because it was checked before. Numbers that are not plainly in range are left to the full check,
    which corrects round-off, or raises BadMessage.
-3. Facings and facets differ in every message: one that has them is always checked in full.
+3. A facing differs in every message, and its numbers in their length: one that has it is always checked in full.
 """
 
 import struct
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from common.facets import SUM_TOLERANCE
 from common.keys import observer_of, scene_of
@@ -18,8 +19,8 @@ from common.wire import checked, field_places, unpack, wrong_key
 
 INTEGERS = ("seq", "captured_ns", "sent_ns", "frames")
 PROBABILITIES = ("rest", "unlearned")
-MOVEMENTS_LIMIT = 256
-"""A layout of more is not kept: it takes 60 bytes for each."""
+PLACES_LIMIT = 256
+"""Of more movements, or of more values of all facets, no layout is kept: it takes 60 bytes for each."""
 TAGGED_INTEGERS = {0xCC: "B", 0xCD: "H", 0xCE: "I", 0xCF: "Q"}
 TAGGED_FLOATS = {0xCA: "f", 0xCB: "d"}
 """The byte before a number in MessagePack, and the number's format in `struct`."""
@@ -49,43 +50,96 @@ class PosteriorDecoder:
             self._fields, self._vocabulary = vocabulary, message.vocabulary
         if not message.is_of(self.scene, self.observer):
             raise wrong_key(message.observer, message.scene, self.key)
-        is_steady = message.facing is None and not message.facets and len(message.p) <= MOVEMENTS_LIMIT
+        places = max(len(message.p), sum(map(len, (message.facets or {}).values())))
+        is_steady = message.facing is None and places <= PLACES_LIMIT
         self._layout = PosteriorLayout.of(message, payload) if is_steady else None
         return message
+
+
+@dataclass(frozen=True, slots=True)
+class _Distribution:
+    """The bytes of a distribution: the tag of each number, alike in most, and the numbers."""
+
+    numbers: struct.Struct
+    tags: bytes
+    distance: int
+
+    @classmethod
+    def of(cls, block: bytes, number_format: str) -> "_Distribution":
+        distance = _number_size(number_format)
+        numbers = struct.Struct(">" + f"x{number_format}" * (len(block) // distance))
+        return cls(numbers, block[::distance], distance)
+
+    def read(self, block: bytes) -> list[float] | None:
+        """The probabilities; None if they have another layout, or are not plainly a distribution."""
+        if block[:: self.distance] != self.tags:
+            return None
+        p = self.numbers.unpack(block)
+        least = min(p)
+        # The sum is NaN if one of them is, and then no comparison holds.
+        if not (least >= 0.0 and max(p) <= 1.0 and abs(sum(p) - 1) <= SUM_TOLERANCE):
+            return None
+        # No number changes but -0.0, which becomes 0.0.
+        return list(p) if least > 0.0 else [probability + 0.0 for probability in p]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class _Place:
+    """Where the number of a field begins, or the first tag of a distribution.
+
+    number_format: "" if it is not of the usual type. count: numbers in a distribution, 0 for a single number. facet:
+    whether `name` is that of a facet.
+    """
+
+    begin: int
+    number_format: str
+    name: str
+    count: int = 0
+    facet: bool = False
+
+    @property
+    def block_format(self) -> str:
+        """Of the number, or of the distribution as one block of bytes."""
+        return f"{_number_size(self.number_format) * self.count}s" if self.count else self.number_format
 
 
 class PosteriorLayout:
     """The places of the numbers in the bytes of a posterior, and what is between them.
 
-    structure: of the whole message, bytes and numbers by turns; `p`, one block of bytes, is one number here. names: of
-    the numbers, in order. p_format: of each of its numbers.
+    structure: of the whole message, bytes and numbers by turns; a distribution, one block of bytes, is one number here.
+    places: those of the numbers, in order.
     """
 
     def __init__(
-        self, message: PosteriorMessage, payload: bytes, structure: struct.Struct, names: list[str], p_format: str
+        self, message: PosteriorMessage, payload: bytes, structure: struct.Struct, places: list[_Place]
     ) -> None:
-        self._structure, self._fixed = structure, structure.unpack(payload)[::2]
+        values = structure.unpack(payload)
+        self._structure, self._fixed, numbers = structure, values[::2], values[1::2]
         self._fields, self._given = vars(message), message.model_fields_set
-        self._integers = [(name, place) for place, name in enumerate(names) if name in INTEGERS]
-        self._probabilities = [(name, place) for place, name in enumerate(names) if name in PROBABILITIES]
-        self._p_place, self._p = names.index("p"), struct.Struct(">" + f"x{p_format}" * len(message.p))
-        self._tag_distance = self._p.size // len(message.p)
-        self._p_tags = structure.unpack(payload)[1::2][self._p_place][:: self._tag_distance]
+        single = [(place.name, n) for n, place in enumerate(places) if not place.count]
+        self._integers = [(name, n) for name, n in single if name in INTEGERS]
+        self._probabilities = [(name, n) for name, n in single if name in PROBABILITIES]
+        blocks = [
+            (place, n, _Distribution.of(numbers[n], place.number_format))
+            for n, place in enumerate(places)
+            if place.count
+        ]
+        self._p_place, self._p = next((n, block) for place, n, block in blocks if not place.facet)
+        of_facet = {place.name: (n, block) for place, n, block in blocks if place.facet}
+        # In the order of the message, in which they stand in its fields too.
+        self._facets = [(name, *of_facet[name]) for name in message.facets or ()]
 
     @classmethod
     def of(cls, message: PosteriorMessage, payload: bytes) -> "PosteriorLayout | None":
         """The layout of a message that was decoded from `payload`; None if it has numbers of other types."""
-        formats, names, end, p_format = [">"], [], 0, ""
-        for begin, number_format, name in sorted(_numbers(message, payload)):
-            if not number_format:
+        formats, end, places = [">"], 0, sorted(_places(message, payload))
+        for place in places:
+            if not place.number_format:
                 return None
-            p_format = number_format if name == "p" else p_format
-            number_format = f"{_number_size(number_format) * len(message.p)}s" if name == "p" else number_format
-            formats.append(f"{begin - end}s{number_format}")
-            names.append(name)
-            end = begin + struct.calcsize(">" + number_format)
+            formats.append(f"{place.begin - end}s{place.block_format}")
+            end = place.begin + struct.calcsize(">" + place.block_format)
         structure = struct.Struct("".join([*formats, f"{len(payload) - end}s"]))
-        return cls(message, payload, structure, names, p_format)
+        return cls(message, payload, structure, places)
 
     def read(self, payload: bytes) -> PosteriorMessage | None:
         """The message in `payload`; None if it has another layout, or numbers that are not plainly in range."""
@@ -100,38 +154,43 @@ class PosteriorLayout:
             if not 0 <= number <= LAST_INTEGER:
                 return None
         for name, place in self._probabilities:
-            # No number changes but -0.0, which becomes 0.0.
             fields[name] = number = numbers[place] + 0.0
             if not 0.0 <= number <= 1.0:
                 return None
-        p_block = numbers[self._p_place]
-        if p_block[:: self._tag_distance] != self._p_tags:
+        fields["p"] = p = self._p.read(numbers[self._p_place])
+        if p is None:
             return None
-        p = self._p.unpack(p_block)
-        least = min(p)
-        # The sum is NaN if one of them is, and then no comparison holds.
-        if not (least >= 0.0 and max(p) <= 1.0 and abs(sum(p) - 1) <= SUM_TOLERANCE):
-            return None
-        fields["p"] = list(p) if least > 0.0 else [probability + 0.0 for probability in p]
+        if self._facets:
+            fields["facets"] = facets = {name: block.read(numbers[place]) for name, place, block in self._facets}
+            if None in facets.values():
+                return None
         return unchecked(PosteriorMessage, fields, self._given)
 
 
-def _numbers(message: PosteriorMessage, payload: bytes) -> Iterator[tuple[int, str, str]]:
-    """Where each number begins, or the first tag of `p`; its format ("": not of the usual type); and its field."""
+def _places(message: PosteriorMessage, payload: bytes) -> Iterator[_Place]:
+    """The place of each number and distribution."""
     places = field_places(payload)
     for name in INTEGERS:
         at = places[name]
         tagged = TAGGED_INTEGERS.get(payload[at])
-        yield (at + 1, tagged, name) if tagged else (at, SMALL_INTEGER if payload[at] < 0x80 else "", name)
+        yield _Place(at + 1, tagged, name) if tagged else _Place(at, SMALL_INTEGER if payload[at] < 0x80 else "", name)
     for name in PROBABILITIES:
         if getattr(message, name) is not None:
-            yield places[name] + 1, TAGGED_FLOATS.get(payload[places[name]], ""), name
-    at = places["p"] + {0xDC: 3, 0xDD: 5}.get(payload[places["p"]], 1)
-    tag, number_format, count = payload[at : at + 1], TAGGED_FLOATS.get(payload[at], ""), len(message.p)
+            yield _Place(places[name] + 1, TAGGED_FLOATS.get(payload[places[name]], ""), name)
+    yield _distribution_place("p", len(message.p), payload, places["p"])
+    if message.facets:
+        facets = field_places(payload, places["facets"])
+        for name, values in message.facets.items():
+            yield _distribution_place(name, len(values), payload, facets[name], facet=True)
+
+
+def _distribution_place(name: str, count: int, payload: bytes, at: int, facet: bool = False) -> _Place:
+    at += {0xDC: 3, 0xDD: 5}.get(payload[at], 1)
+    tag, number_format = payload[at : at + 1], TAGGED_FLOATS.get(payload[at], "")
     size = _number_size(number_format)
     # If the first is of this type, the tag of the second comes at this distance, and so on.
     is_of_one_type = payload[at : at + count * size : size] == tag * count
-    yield at, number_format if is_of_one_type else "", "p"
+    return _Place(at, number_format if is_of_one_type else "", name, count, facet)
 
 
 def _number_size(number_format: str) -> int:

@@ -254,13 +254,16 @@ def unpack(payload: bytes) -> dict[str, Any]:
     return fields
 
 
-def field_places(payload: bytes) -> dict[str, int]:
-    """Where the value of each field begins in a message that `unpack` can read; of two equal fields the last counts."""
+def field_places(payload: bytes, at: int = 0) -> dict[str, int]:
+    """Where the value of each field begins in a message that `unpack` can read; of two equal fields the last counts.
+
+    at: where the map begins, the message itself or one in it.
+    """
     unpacker, places = msgpack.Unpacker(), {}
-    unpacker.feed(payload)
+    unpacker.feed(payload[at:])
     for _ in range(unpacker.read_map_header()):
         name = unpacker.unpack()
-        places[name] = unpacker.tell()
+        places[name] = at + unpacker.tell()
         unpacker.skip()
     return places
 

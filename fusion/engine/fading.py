@@ -4,6 +4,7 @@ freshness: the exponent k of p <- (p/prior)^k prior, 1 (unchanged) to 0 (the pri
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,6 +27,9 @@ def faded_surprise(surprise: Surprise, freshness: float) -> Surprise:
     return encode_facing(normalise(decode_facing(surprise) ** freshness))
 
 
-def faded_facet(facet: Floats, freshness: float) -> Floats:
+def faded_facet(facet: Sequence[float], freshness: float) -> Sequence[float]:
     """(V,) a facet of V values, which fades towards the uniform distribution."""
-    return facet if len(facet) < 2 else temper(facet, uniform(len(facet)), freshness)
+    if len(facet) < 2:
+        return facet
+    faded: list[float] = temper(np.array(facet), uniform(len(facet)), freshness).tolist()
+    return faded

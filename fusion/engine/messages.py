@@ -216,7 +216,7 @@ def _vote(
         "skew_s": posterior.skew_s,
         "unlearned": posterior.unlearned,
         "facing": None if surprise is None else unchecked(Facing, {"surprise": surprise.tolist()}),
-        "facets": {name: facet.tolist() for name, facet in facets.items()} if facets else None,
+        "facets": facets or None,
         "reliability": posterior.reliability,
         "rest_reliability": rest_reliability,
         "label_reliability": label_reliability,

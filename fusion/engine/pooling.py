@@ -13,7 +13,6 @@ The design: fusion.md, "More than movements".
 5. Rest is pooled in rest.py.
 """
 
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -129,14 +128,25 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
     names = {name for facets in published for name in facets if name != FACING}
     if not names:
         return {}
-    trust, pooled = observer_trust(posteriors), {}
+    alike: dict[tuple[int, ...], list[str]] = {}
     for name in sorted(names)[:FACETS_LIMIT]:
-        size = _most_common(len(posterior.facets[name]) for posterior in posteriors if name in posterior.facets)
-        places = [n for n, posterior in enumerate(posteriors) if len(posterior.facets.get(name, ())) == size]
+        sizes = [len(posterior.facets.get(name, ())) for posterior in posteriors]
+        size = _most_common([own for own in sizes if own])
         if size >= 2:
-            rows = np.array([posteriors[n].facets[name] for n in places])
-            pooled[name] = _pool_rows(rule, rows, uniform(size), trust.subset(places)).p
+            alike.setdefault((size, *[n for n, own in enumerate(sizes) if own == size]), []).append(name)
+    trust = observer_trust(posteriors)
+    pooled: dict[str, Floats] = {}
+    for (size, *places), own_names in alike.items():
+        rows = np.array([[posteriors[n].facets[name] for n in places] for name in own_names])
+        pooled |= zip(own_names, _pool_each(rule, rows, uniform(size), trust.subset(places)), strict=True)
     return pooled
+
+
+def _pool_each(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) -> Iterable[Floats]:
+    """(F, N, V) F facets of the same observers -> (V,) of each; in one call where the rule takes leading axes."""
+    if rule.pool_movements is None or len(rows) == 1:
+        return [_pool_rows(rule, facet, prior, trust).p for facet in rows]
+    return _pool_rows(rule, rows, prior, ObserverTrust.stack([trust] * len(rows))).p
 
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
@@ -227,7 +237,7 @@ def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
     tables = [posterior.surprise for posterior in posteriors if posterior.surprise is not None]
     if not tables:
         return None
-    size = _most_common(table.shape[1] for table in tables)
+    size = _most_common([table.shape[1] for table in tables])
     facing = np.full((len(posteriors), answers, size), 1.0 / size)
     for n, posterior in enumerate(posteriors):
         table = posterior.surprise
@@ -255,7 +265,6 @@ def _result(
     return PooledPosterior(p, weights, min(unlearned, 1.0), facing, rows)
 
 
-def _most_common(sizes: Iterable[int]) -> int:
+def _most_common(sizes: Sequence[int]) -> int:
     """The most common size; of equally common ones the largest."""
-    counts = Counter(sizes)
-    return max(counts, key=lambda size: (counts[size], size))
+    return max(set(sizes), key=lambda size: (sizes.count(size), size))

@@ -1,7 +1,7 @@
 """The state of one observer in the roster: its newest message and its sessions (roster.py, rules 2 and 6)."""
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,7 +13,7 @@ SESSIONS_LIMIT = 64
 """Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
 """Reasons for which a correct message is not used."""
-NO_FACETS: Mapping[str, Floats] = {}
+NO_FACETS: Mapping[str, Sequence[float]] = {}
 
 
 @dataclass(slots=True)
@@ -32,7 +32,7 @@ class RosterEntry:
     p: Floats = field(default_factory=lambda: np.empty(0))
     rest: float = 1.0
     surprise: Surprise | None = None
-    facets: Mapping[str, Floats] = field(default_factory=dict)
+    facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
     steadiness: float = 1.0
     steady_enough: float = 1.0
     session_ns: int = 0

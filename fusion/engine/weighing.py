@@ -57,6 +57,8 @@ class ObserverTrust:
 
     def subset(self, places: Sequence[int]) -> "ObserverTrust":
         """The observers at these places, of one scene."""
+        if not (self.has_correlations or self.has_trust):
+            return ObserverTrust.unknown(len(places))
         return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])
 
 

@@ -186,7 +186,7 @@ def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[s
         vote.skew_s,
         vote.unlearned,
         surprise,
-        {name: np.array(facet) for name, facet in (vote.facets or {}).items()},
+        vote.facets or {},
         1.0 if vote.reliability is None else vote.reliability,
         {other: share for other, share in (vote.doubles or {}).items() if other in remaining},
         1.0 if vote.freshness is None else vote.freshness,

@@ -13,6 +13,7 @@ import pytest
 from fuzz_mutator import KEY, NOON_NS, Mutator, posterior
 
 import common.posterior_decoder
+from common.facets import SHAPE
 from common.messages import PosteriorMessage
 from common.posterior_decoder import PosteriorDecoder
 from common.wire import BadMessage, decode_from, encode
@@ -20,6 +21,7 @@ from common.wire import BadMessage, decode_from, encode
 MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "10000")) // 3
 SEED = int(os.environ.get("LABANMESH_FUZZ_SEED", "0"))
 CAM1 = KEY.format("cam1")
+SHAPES = ((1, 1, 6), (0, 3, 5), (8, 0, 0))
 STRANGE = (0.0, -0.0, 1e-9, 1.0, 1.0000005, 1.1, -1e-7, -0.5, 1e-42, math.nan, math.inf, -math.inf)
 
 
@@ -37,8 +39,9 @@ def whole(payload):
 
 
 def steady(rng, seq, **fields):
-    """A posterior as most are: without facing and facets, with the same parts visible."""
-    update = {"facing": None, "facets": None, "visible": {"head": True}, "unlearned": 0.125, **fields}
+    """A posterior as most are: with Shape, without facing, with the same parts visible."""
+    facets = {name: [p / 8 for p in rng.choice(SHAPES)] for name in SHAPE}
+    update = {"facing": None, "facets": facets, "visible": {"head": True}, "unlearned": 0.125, **fields}
     return posterior(rng, "cam1", seq, NOON_NS + seq).model_copy(update=update)
 
 
@@ -108,12 +111,33 @@ def test_wider_numbers_need_one_full_check(full_checks, last):
 @pytest.mark.parametrize("strange", [0, 1, "x", None, [0.5], {}, b"", 2**64 - 1])
 def test_a_number_of_another_type_is_left_to_the_full_check(strange):
     decoder, rng = PosteriorDecoder(CAM1), random.Random(SEED)  # noqa: S311
-    for name in ("seq", "captured_ns", "frames", "rest", "unlearned", "p"):
+    for name in ("seq", "captured_ns", "frames", "rest", "unlearned", "p", "facets"):
         good = encode(steady(rng, 300))
         fields = msgpack.unpackb(good)
-        spoilt = {**fields, name: [*fields["p"][:-1], strange] if name == "p" else strange}
+        of_lists = {"p": [*fields["p"][:-1], strange], "facets": {**fields["facets"], min(SHAPE): [0.5, strange, 0.5]}}
+        spoilt = {**fields, name: of_lists.get(name, strange)}
         for payload in (good, msgpack.packb(spoilt, use_single_float=True), good):
             assert result(decoder.decode, payload) == result(whole, payload)
+
+
+@pytest.mark.parametrize(
+    "facets",
+    [
+        {**{name: [0.25, 0.25, 0.5] for name in SHAPE}, "p": [0.5, 0.5], "seq": [1.0]},
+        {"own": [0.01] * 100},
+        {"own": [1 / 64] * 64},
+        {"own": [0.9, 0.05]},
+        {},
+    ],
+)
+def test_facets_are_decoded_as_by_the_full_check_whatever_they_are_called(facets):
+    decoder, rng = PosteriorDecoder(CAM1), random.Random(SEED)  # noqa: S311
+    for n in range(4):
+        # Every second time in another order, which is another layout.
+        own = dict(sorted(facets.items(), reverse=n >= 2))
+        fields = steady(rng, 300 + n).model_dump(exclude_defaults=True)
+        payload = msgpack.packb({"v": 1, **fields, "facets": own}, use_single_float=True)
+        assert result(decoder.decode, payload) == result(whole, payload)
 
 
 def test_zeros_have_no_sign_and_many_movements_are_decoded(full_checks):

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
+from fusion.engine.guarded_product import guarded_weights
 from fusion.engine.pooling import (
     PoolingCase,
     facing_deg,
@@ -21,7 +22,7 @@ from fusion.engine.pooling import (
     pool_many,
     pool_posteriors,
 )
-from fusion.engine.rules import DEFAULT_RULE, RULES, Rule, RuleResult, get_rule
+from fusion.engine.rules import DEFAULT_RULE, RULES, Rule, RuleResult, averaged_log_mix, get_rule
 
 ALL = [rule for rule in RULES.values() if rule.most_observers is None]
 LINEAR = [RULES[name] for name in ("inverse_entropy", "iest", "ieat", "min_entropy", "linear")]
@@ -177,6 +178,27 @@ def test_of_equally_common_numbers_of_values_the_larger_counts_and_reliability_w
     doubted = {"facets": {"time": two}, "reliability": 0.1}
     result = pool_facets(DEFAULT, posteriors(doubted, {"facets": {"time": two[::-1]}}))
     assert result["time"][0] > 0.7
+
+
+@pytest.mark.parametrize("sizes", [(3, 3, 3), (2, 2, 2, 2, 3, 3, 3), (5,)])
+@pytest.mark.parametrize("observers", [1, 2, 4, 5, 18])
+@pytest.mark.parametrize("reliability", [1.0, 0.3])
+def test_facets_that_are_pooled_together_are_those_of_the_plain_formula(sizes, observers, reliability):
+    rng = np.random.default_rng(observers)
+    facets = [{f"f{n}": rng.dirichlet(np.full(size, 0.3)) for n, size in enumerate(sizes)} for _ in range(observers)]
+    if observers > 1:
+        # The last observer does not publish the first facet, which is therefore pooled by itself.
+        del facets[-1]["f0"]
+    votes = [posterior(n, P[0], facets=own) for n, own in enumerate(facets)]
+    votes[0] = replace(votes[0], reliability=reliability)
+    pooled = pool_facets(DEFAULT, votes)
+    assert list(pooled) == [f"f{n}" for n in range(len(sizes))]
+    for name, p in pooled.items():
+        publishers = [vote for vote in votes if name in vote.facets]
+        rows = np.array([vote.facets[name] for vote in publishers])
+        prior = uniform(rows.shape[1])
+        weighed = guarded_weights(rows, prior, observer_trust(publishers))
+        assert p == pytest.approx(averaged_log_mix(rows[:, :, None], prior, weighed)[:, 0], abs=1e-9)
 
 
 def test_the_newest_capture_is_that_of_a_pooled_posterior_and_not_in_the_future():
