@@ -53,13 +53,23 @@ START_NS = 1_700_000_000_000_000_000
 FRAME_NS = 16_666_667
 AGE_NS = 5_000_000
 """Age of the posteriors when they are fused."""
-BYTES_GOAL_US, STEP_GOAL_US, POOL_GOAL_US = 200.0, 120.0, 60.0
+BYTES_GOALS_US = {0: 150.0, 2: 220.0, 3: 260.0}
+"""By the number of facets that each observer sends: none, those that a front view shows, those beside it."""
+STEP_GOAL_US, POOL_GOAL_US = 100.0, 30.0
 T = TypeVar("T")
 
 
 def pace_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> list[BenchmarkRow]:
-    """A step from bytes to bytes, one from messages to judgement, and the pool of the default rule; with goals."""
-    steps = _steps()
+    """A step from bytes to bytes by facets, one from messages to judgement, and the pool of the default rule."""
+    return [
+        *(row for facets in BYTES_GOALS_US for row in _step_rows(facets, rounds, batch_s)),
+        replace(pool_row(FusionConfig().rule, rounds, batch_s), goal=POOL_GOAL_US),
+    ]
+
+
+def _step_rows(facets: int, rounds: int, batch_s: float) -> Iterator[BenchmarkRow]:
+    """A step with as many facets from bytes to bytes; without facets also from messages to judgement."""
+    steps = _steps(facets)
     payloads = [(now_ns, [encode(one) for one in messages]) for now_ns, messages in steps]
     packed, lists = payloads[0][1], [one.p for one in steps[0][1]]
     weights = np.full(OBSERVERS, 1 / OBSERVERS)
@@ -76,17 +86,13 @@ def pace_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> list[BenchmarkR
         messages = [decoder.decode(payload) for decoder, payload in zip(decoders, own, strict=True)]
         return encode(_judgement(engine, now_ns, messages))
 
-    whole = _repeated(payloads, judged_bytes)
-    name = f"fusion step, {OBSERVERS} observers"
-    judging = _repeated(steps, _judgement)
-    return [
-        replace(compare(f"{name}, bytes to bytes", whole, bare_bytes, rounds, batch_s), goal=BYTES_GOAL_US),
-        replace(
-            compare(f"{name}, messages to judgement", judging, lambda: weights @ np.array(lists), rounds, batch_s),
-            goal=STEP_GOAL_US,
-        ),
-        replace(pool_row(FusionConfig().rule, rounds, batch_s), goal=POOL_GOAL_US),
-    ]
+    name = f"fusion step, {OBSERVERS} observers, {facets or 'no'} facets"
+    whole = compare(f"{name}, bytes to bytes", _repeated(payloads, judged_bytes), bare_bytes, rounds, batch_s)
+    yield replace(whole, goal=BYTES_GOALS_US[facets])
+    if not facets:
+        judging = _repeated(steps, _judgement)
+        judged = compare(f"{name}, messages to judgement", judging, lambda: weights @ np.array(lists), rounds, batch_s)
+        yield replace(judged, goal=STEP_GOAL_US)
 
 
 def rule_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
@@ -104,18 +110,18 @@ def pool_row(name: str, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Bench
     return compare(label, lambda: rule.pool(p, prior), lambda: p.mean(axis=0), rounds, batch_s)
 
 
-def _steps() -> list[tuple[int, Sequence[PosteriorMessage]]]:
+def _steps(facets: int) -> list[tuple[int, Sequence[PosteriorMessage]]]:
     p = random_posteriors(STEPS * OBSERVERS).reshape(STEPS, OBSERVERS, NAMES.size)
     times_ns = [START_NS + seq * FRAME_NS for seq in range(STEPS)]
     return [
-        (at_ns + AGE_NS, [message(f"cam{n + 1}", seq, at_ns, p[seq, n]) for n in range(OBSERVERS)])
+        (at_ns + AGE_NS, [message(seq, at_ns, p[seq, n], facets) for n in range(OBSERVERS)])
         for seq, at_ns in enumerate(times_ns)
     ]
 
 
 def _judgement(engine: FusionEngine, now_ns: int, messages: Sequence[PosteriorMessage]) -> JudgementMessage:
-    for one in messages:
-        if engine.receive(one.observer or "", one, now_ns) is not None:
+    for n, one in enumerate(messages, 1):
+        if engine.receive(f"cam{n}", one, now_ns) is not None:
             raise AssertionError("a posterior of the benchmark was rejected: it measures nothing")
     return engine.step(now_ns).judgement
 
@@ -214,7 +220,7 @@ def flooding(port: int) -> Iterator[None]:
 
 
 def _flood(number: int, port: int, ready: "multiprocessing.synchronize.Semaphore", stop: Event) -> None:
-    template = PosteriorTemplate(SCENE, number, CROWD_NAMES.labels[number % CROWD_NAMES.size])
+    template = PosteriorTemplate(number, CROWD_NAMES.labels[number % CROWD_NAMES.size])
     with Link.open(MeshConfig(endpoint=f"tcp/127.0.0.1:{port}"), "observer") as link:
         publisher = link.publisher(f"laban/{SCENE}/observer/cam{number}/posterior")
         publisher.wait_for_subscriber(60)

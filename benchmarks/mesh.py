@@ -166,7 +166,7 @@ def _frame(observers: Sequence[str], seq: int) -> dict[Captured, bytes]:
     """The posteriors of all observers about a frame captured now."""
     captured_ns, posteriors = time.time_ns(), random_posteriors(len(observers), seed=seq)
     return {
-        Captured(observer, captured_ns): encode(message(observer, seq, captured_ns, p))
+        Captured(observer, captured_ns): encode(message(seq, captured_ns, p))
         for observer, p in zip(observers, posteriors, strict=True)
     }
 

@@ -3,11 +3,12 @@
 Each part is measured alone; one that cannot be, on this machine, says why.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from benchmarks import flood, fusion, mesh, starting
 from benchmarks.posteriors import engine_of, message, random_posteriors, scene_of
 from benchmarks.timing import BenchmarkRow, medians, row
+from common.messages import PosteriorMessage
 from common.wire import encode
 
 RUNS = 3
@@ -46,10 +47,17 @@ def start_rows() -> Iterator[BenchmarkRow]:
 
 def size_rows() -> Iterator[BenchmarkRow]:
     """Bytes of a judgement of 4 observers and 20 movements; floor: the posterior alone in single precision."""
-    engine = engine_of(scene_of(OBSERVERS))
-    posteriors = random_posteriors(OBSERVERS)
-    for n, p in enumerate(posteriors, 1):
-        engine.receive(f"cam{n}", message(f"cam{n}", 1, NOW_NS, p), NOW_NS)
-    payload = encode(engine.step(NOW_NS + 5_000_000).judgement)
+    name, posteriors = f"a judgement, {OBSERVERS} observers, 20 movements", random_posteriors(OBSERVERS)
     floor = 4 * posteriors.shape[1]
-    yield row(f"a judgement, {OBSERVERS} observers, 20 movements", len(payload), floor, "bytes", 1, MOST_BYTES)
+    bare = [message(1, NOW_NS, p, facets=0, unlearned=None) for p in posteriors]
+    yield row(name, _judgement_bytes(bare), floor, "bytes", 1, MOST_BYTES)
+    whole = [message(1, NOW_NS, p) for p in posteriors]
+    yield row(f"{name}, Shape and something else", _judgement_bytes(whole), floor, "bytes", 1)
+
+
+def _judgement_bytes(messages: Sequence[PosteriorMessage]) -> int:
+    """The size of the first judgement."""
+    engine = engine_of(scene_of(OBSERVERS))
+    for n, own in enumerate(messages, 1):
+        engine.receive(f"cam{n}", own, NOW_NS)
+    return len(encode(engine.step(NOW_NS + 5_000_000).judgement))

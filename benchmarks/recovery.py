@@ -154,7 +154,7 @@ def _publishing(scene: Scene, link: Link, ended: threading.Event) -> Iterator[No
     def publish() -> None:
         publisher, p, seq = link.publisher(scene.keys.posterior("cam1")), random_posteriors(1)[0], 0
         while not ended.wait(1 / RATE_HZ):
-            publisher.put(encode(message("cam1", seq, time.time_ns(), p)))
+            publisher.put(encode(message(seq, time.time_ns(), p)))
             seq += 1
 
     with _thread(publish, ended):

@@ -131,7 +131,7 @@ def _publish(ways: list[tuple[Publisher, Inbox]], frames: int) -> list[list[int]
     for seq in range(WARM_UP + frames):
         for times, (publisher, _) in zip(put, ways, strict=True):
             captured_ns, (p,) = time.time_ns(), random_posteriors(1, seed=seq)
-            payload = encode(message(OBSERVER, seq, captured_ns, p))
+            payload = encode(message(seq, captured_ns, p))
             if seq >= WARM_UP:
                 times[Captured(OBSERVER, captured_ns)] = time.time_ns()
             publisher.put(payload)

@@ -14,9 +14,10 @@ import msgpack
 import numpy as np
 
 from common import SECOND_NS
+from common.facets import SHAPE
 from common.keys import SceneKeys
 from common.link import Link, Publisher
-from common.messages import PosteriorMessage, VocabularyReference
+from common.messages import PosteriorMessage, VocabularyHash
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import encode
 
@@ -24,6 +25,7 @@ NAMES = Vocabulary(tuple(f"movement_{n}" for n in range(20)), "crowd")
 OBSERVERS = 4
 """In each scene."""
 PERIOD_S, MOVING_S = 4.0, 2.0
+SHAPES = [0.1, 0.2, 0.7], [0.05, 0.9, 0.05], [0.6, 0.35, 0.05]
 SLOTS = 8
 """Parts of a frame interval; a share of the observers publishes in each, because cameras are not synchronised."""
 SEQ, CAPTURED, SENT = 0x7E5E0001, 0x7E5E00020A0B0C0D, 0x7E5E00030A0B0C0D
@@ -53,24 +55,27 @@ def movement_at(scene: int, scenes: int, elapsed_s: float) -> SimulatedMovement:
 
 
 class PosteriorTemplate:
-    """An encoded posterior in which only number and times change. label: the movement, None for rest."""
+    """An encoded posterior in which only number and times change. label: the movement, None for rest.
 
-    def __init__(self, scene: str, observer: int, label: str | None) -> None:
+    It has what observers send by default: `unlearned` and Shape.
+    """
+
+    def __init__(self, observer: int, label: str | None) -> None:
         p = np.full(NAMES.size, 1.0)
         if label is not None:
             p[NAMES.index(label)] = 400.0 / (1 + observer)
         message = PosteriorMessage(
-            scene=scene,
-            observer=f"cam{observer}",
+            v=2,
             seq=SEQ,
             session="crowd",
             captured_ns=CAPTURED,
             sent_ns=SENT,
-            vocabulary=VocabularyReference(name=NAMES.name, hash=NAMES.digest),
+            vocabulary=VocabularyHash(hash=NAMES.digest),
             p=(p / p.sum()).tolist(),
             rest=0.95 if label is None else 0.03,
+            unlearned=0.02,
             frames=100,
-            visible={"left_hand": True, "right_hand": True, "head": True},
+            facets=dict(zip(SHAPE, SHAPES, strict=True)),
         )
         whole = encode(message)
         seq, captured, sent = (whole.index(n.to_bytes(size)) for n, size in ((SEQ, 4), (CAPTURED, 8), (SENT, 8)))
@@ -84,9 +89,9 @@ class PosteriorTemplate:
         return one + (seq + 0x10000).to_bytes(4) + two + time_bytes + three + time_bytes + four
 
 
-def templates(scene: str, label: str | None) -> list[PosteriorTemplate]:
+def templates(label: str | None) -> list[PosteriorTemplate]:
     """The messages of a scene's observers while `label` is performed, or at rest."""
-    return [PosteriorTemplate(scene, observer, label) for observer in range(OBSERVERS)]
+    return [PosteriorTemplate(observer, label) for observer in range(OBSERVERS)]
 
 
 @dataclass(slots=True)
@@ -186,7 +191,7 @@ class Crowd:
             name = scene_name(scene)
             if current is not None and current[0].moving:
                 self.counts.done.setdefault(name, []).append(current[0].label)
-            self._current[scene] = current = now, templates(name, now.label if now.moving else None)
+            self._current[scene] = current = now, templates(now.label if now.moving else None)
         for publisher, template in zip(self._publishers[scene], current[1], strict=True):
             publisher.put(template.at(self._seq, time.time_ns()))
         self.counts.put += OBSERVERS

@@ -102,7 +102,7 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
     verdict: VerdictMessage | None = None
     for seq in range(CALLS):
         now_ns += 100_000_000
-        own = templates(scene.scene, NAMES.labels[3] if seq % 40 >= 20 else None)
+        own = templates(NAMES.labels[3] if seq % 40 >= 20 else None)
         payloads = [template.at(seq, now_ns - 20_000_000) for template in own]
         begun_s = time.thread_time()
         for n, payload in enumerate(payloads):
@@ -111,13 +111,11 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
         output = engine.step(now_ns)
         verdict = next(iter(output.verdicts), verdict)
     status.observers = ingest.statistics(scene.roster)
-    compact = {"scene": None, "observer": None, "visible": None, "v": 2}
-    posterior = decode(PosteriorMessage, own[0].at(seq, now_ns)).model_copy(update=compact)
     observer = StatusMessage(
         scene=scene.scene, id="cam0", state="running", rate_hz=30.0, last_frame_ns=now_ns, at_ns=now_ns
     )
     messages = {
-        "posterior": posterior,
+        "posterior": decode(PosteriorMessage, payloads[0]),
         "judgement": output.judgement,
         "verdict": verdict,
         "observer_status": observer,
@@ -194,7 +192,7 @@ class SceneObservers:
 
     def __init__(self, scene: Scene, far: Link) -> None:
         self._publishers = [far.publisher(scene.keys.posterior(f"cam{n}")) for n in range(OBSERVERS)]
-        self._templates, self._seq = templates(scene.scene, NAMES.labels[3]), 0
+        self._templates, self._seq = templates(NAMES.labels[3]), 0
         if not all(publisher.wait_for_subscriber(10) for publisher in self._publishers):
             raise LabanmeshError("the fusion server did not subscribe to its observers within 10 s")
 
@@ -283,7 +281,7 @@ def _burst_cost(endpoint: str, size: int) -> float:
 
 def publish_bursts(mesh: MeshConfig, size: int, ready: Event, go: Event) -> None:
     """In its own process: bursts of posteriors for BURSTS_S."""
-    template = templates("burst", None)[0]
+    template = templates(None)[0]
     with Link.open(mesh, "observer") as link:
         publishers = [link.publisher(SceneKeys("burst").posterior(f"cam{n}")) for n in range(size)]
         if all(publisher.wait_for_subscriber(10) for publisher in publishers):

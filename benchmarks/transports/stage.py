@@ -56,7 +56,9 @@ def names(publishers: int) -> list[str]:
 def posteriors(name: str, count: int) -> tuple[bytes, ...]:
     """`count` + 1 encoded posteriors: sequence number 0 is the keep-alive."""
     p = random_posteriors(count + 1, seed=int(name.removeprefix("cam")))
-    return tuple(encode(message(name, seq, START_NS + seq * FRAME_NS, own)) for seq, own in enumerate(p))
+    # The bare fusion process knows the observer by this field alone.
+    sent = (message(seq, START_NS + seq * FRAME_NS, own) for seq, own in enumerate(p))
+    return tuple(encode(own.model_copy(update={"observer": name})) for own in sent)
 
 
 @cache
@@ -65,7 +67,7 @@ def judgement(publishers: int) -> bytes:
     scene = scene_of(publishers)
     engine = engine_of(scene)
     for name, p in zip(scene.roster, random_posteriors(publishers), strict=True):
-        engine.receive(name, message(name, 0, START_NS, p), START_NS)
+        engine.receive(name, message(0, START_NS, p), START_NS)
     return encode(engine.step(START_NS).judgement)
 
 

@@ -40,7 +40,7 @@ def judgements():
     for seq in range(FULL_VOTES_AT_START + 3):
         at_ns = START_NS + seq * 16_666_667
         for n, name in enumerate(scene.roster):
-            assert engine.receive(name, message(name, seq, at_ns, p[4 * seq + n]), at_ns) is None
+            assert engine.receive(name, message(seq, at_ns, p[4 * seq + n], facets=0, unlearned=None), at_ns) is None
         result.append(engine.step(at_ns).judgement)
     return result
 
