@@ -255,10 +255,7 @@ def unpack(payload: bytes) -> dict[str, Any]:
 
 
 def field_places(payload: bytes, at: int = 0) -> dict[str, int]:
-    """Where the value of each field begins in a message that `unpack` can read; of two equal fields the last counts.
-
-    at: where the map begins, the message itself or one in it.
-    """
+    """Where the value of each field of the map that begins `at` begins; of two equal fields the last counts."""
     unpacker, places = msgpack.Unpacker(), {}
     unpacker.feed(payload[at:])
     for _ in range(unpacker.read_map_header()):

@@ -22,7 +22,7 @@ from common.inbox import Arrival
 from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
-from fusion.engine.pooling import pool_many
+from fusion.engine.pooling import pool_steps
 from fusion.ingest import FLOOD
 from fusion.instrumentation import ServerStep, instrumented
 from fusion.membership import SceneMember
@@ -278,7 +278,7 @@ def require_compatible(scenes: Sequence[Scene]) -> None:
 
 def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:
     """Pool all cases together, and finish each step."""
-    pools = iter(pool_many([step.case for _, step in steps if step.case is not None]))
+    pools = iter(pool_steps([step.case for _, step in steps if step.case is not None]))
     for worker, step in steps:
         yield worker.finish(step, None if step.case is None else next(pools))
 

@@ -25,7 +25,7 @@ from fusion.engine.explanation import explain_undecided, why_contested
 from fusion.engine.label_trust import LabelTrust
 from fusion.engine.messages import DoubtedObservers, JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.movement import MovementDecision, PooledState, last_capture_ns
-from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_posteriors
+from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_steps
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
@@ -145,7 +145,7 @@ class FusionEngine:
     def step(self, now_ns: int) -> EngineOutput:
         """Fuse the posteriors at `now_ns` to a judgement, and a verdict if one is due."""
         case = self.pooling_case(now_ns)
-        return self.output_for(case.posteriors, now_ns, pool_posteriors(case))
+        return self.output_for(case.posteriors, now_ns, *pool_steps([case]))
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`, for many scenes that are pooled together; `output_for` takes the result."""
@@ -158,7 +158,7 @@ class FusionEngine:
 
         pooled: the result of pooling them, if it is known.
         """
-        pooled = pooled or pool_posteriors(self._case(posteriors))
+        pooled = pooled or pool_steps([self._case(posteriors)])[0]
         rest = self._rest.update(posteriors, now_ns)
         doubted = DoubtedObservers(self._rest.reliability, self.label_trust.reliability)
         ballot = self._builder.ballot(posteriors, pooled, doubted)
@@ -174,12 +174,12 @@ class FusionEngine:
         decisions = self._detector.update(shown) if has_posterior else ()
         self._start.update(posteriors, now_ns)
         self._seq += 1
-        facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
+        movement = self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
         is_moving = movement is not None or (observed and (state.rest < 0.5 or self._rest.contested))
         why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
         stamp = self._stamp(now_ns)
-        judgement = self._builder.judgement(ballot, pooled, facets, movement, why if is_moving else None, stamp)
+        judgement = self._builder.judgement(ballot, pooled, movement, why if is_moving else None, stamp)
         current = VerdictBasis(judgement, posteriors, why)
         basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None

@@ -121,13 +121,12 @@ class JudgementBuilder:
         self,
         ballot: Ballot,
         pooled: PooledPosterior,
-        facets: Mapping[str, Floats],
         movement: OngoingMovement | None,
         why: str | None,
         stamp: Stamp,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
-        pooled_facets = {name: _in_range(p.tolist()) for name, p in facets.items()} if facets else {}
+        pooled_facets = {name: _in_range(p.tolist()) for name, p in pooled.facets.items()}
         if pooled.facing is not None:
             pooled_facets[FACING] = _in_range(pooled.facing.tolist())
         fields = {

@@ -13,8 +13,8 @@ The design: fusion.md, "More than movements".
 5. Rest is pooled in rest.py.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -34,7 +34,7 @@ class PooledPosterior:
     """The result of pooling.
 
     p (M,), given that it is a movement of the vocabulary; weights (N,); unlearned: the probability that it is none;
-    facing (K,). rows (N + 1, M): the posteriors that were pooled, and then p.
+    facing (K,). rows (N + 1, M): the posteriors that were pooled, and then p. facets: by name, with `pool_steps`.
     """
 
     p: Floats
@@ -42,6 +42,7 @@ class PooledPosterior:
     unlearned: float | None
     facing: Floats | None
     rows: Floats
+    facets: Mapping[str, Floats] = field(default_factory=dict)
 
     @property
     def answers(self) -> Floats:
@@ -122,31 +123,58 @@ def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | 
     return RuleResult(rule.mix(cells, prior, weighed), weighed.shares)
 
 
-def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Floats]:
-    """Every facet that some observer publishes, by name (4)."""
-    published = [posterior.facets for posterior in posteriors if posterior.facets]
-    names = {name for facets in published for name in facets if name != FACING}
-    if not names:
-        return {}
-    alike: dict[tuple[int, ...], list[str]] = {}
-    for name in sorted(names)[:FACETS_LIMIT]:
-        sizes = [len(posterior.facets.get(name, ())) for posterior in posteriors]
-        size = _most_common([own for own in sizes if own])
-        if size >= 2:
-            alike.setdefault((size, *[n for n, own in enumerate(sizes) if own == size]), []).append(name)
-    trust = observer_trust(posteriors)
-    pooled: dict[str, Floats] = {}
-    for (size, *places), own_names in alike.items():
-        rows = np.array([[posteriors[n].facets[name] for n in places] for name in own_names])
-        pooled |= zip(own_names, _pool_each(rule, rows, uniform(size), trust.subset(places)), strict=True)
+def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
+    """Same as `pool_many`, with the facets."""
+    pooled = pool_many(cases)
+    for result, facets in zip(pooled, pool_facets(cases), strict=True):
+        result.facets = facets
     return pooled
 
 
-def _pool_each(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) -> Iterable[Floats]:
-    """(F, N, V) F facets of the same observers -> (V,) of each; in one call where the rule takes leading axes."""
-    if rule.pool_movements is None or len(rows) == 1:
-        return [_pool_rows(rule, facet, prior, trust).p for facet in rows]
-    return _pool_rows(rule, rows, prior, ObserverTrust.stack([trust] * len(rows))).p
+def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
+    """Every facet that some observer publishes, by name, of each case (4); facets of equal shape together."""
+    results: list[dict[str, Floats]] = [{} for _ in cases]
+    batches: dict[tuple[str, int, int, bool], list[_Facet]] = {}
+    for case, pooled in zip(cases, results, strict=True):
+        published = [posterior.facets for posterior in case.posteriors if posterior.facets]
+        names = {name for facets in published for name in facets if name != FACING}
+        trust = observer_trust(case.posteriors) if names else None
+        for name in sorted(names)[:FACETS_LIMIT]:
+            sizes = [len(posterior.facets.get(name, ())) for posterior in case.posteriors]
+            size = _most_common([own for own in sizes if own])
+            if size < 2 or trust is None:
+                continue
+            places = [n for n, own in enumerate(sizes) if own == size]
+            rows = [case.posteriors[n].facets[name] for n in places]
+            # The prior is replaced below; it stands here for the order of the names.
+            pooled[name] = prior = uniform(size)
+            facet = _Facet(case.rule, name, rows, prior, trust.subset(places), pooled)
+            batches.setdefault((case.rule.name, size, len(places), facet.trust.has_correlations), []).append(facet)
+    for batch in batches.values():
+        for facet, p in zip(batch, _pool_alike(batch), strict=True):
+            facet.pooled[facet.name] = p
+    return results
+
+
+@dataclass(slots=True)
+class _Facet:
+    """One facet of one case: N distributions `rows`, their prior, the trust in their observers, the case's results."""
+
+    rule: Rule
+    name: str
+    rows: Sequence[Sequence[float]]
+    prior: Floats
+    trust: ObserverTrust
+    pooled: dict[str, Floats]
+
+
+def _pool_alike(facets: Sequence[_Facet]) -> Iterable[Floats]:
+    """(V,) of each of F facets with equal rule, N and V; in one call where the rule takes leading axes."""
+    rule, prior = facets[0].rule, facets[0].prior
+    if rule.pool_movements is None or len(facets) == 1:
+        return [_pool_rows(rule, np.array(facet.rows), prior, facet.trust).p for facet in facets]
+    rows = np.array([facet.rows for facet in facets])
+    return _pool_rows(rule, rows, prior, ObserverTrust.stack([facet.trust for facet in facets])).p
 
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:

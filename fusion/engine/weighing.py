@@ -56,7 +56,9 @@ class ObserverTrust:
         )
 
     def subset(self, places: Sequence[int]) -> "ObserverTrust":
-        """The observers at these places, of one scene."""
+        """The observers at these places, in order, of one scene."""
+        if len(places) == len(self.trust):
+            return self
         if not (self.has_correlations or self.has_trust):
             return ObserverTrust.unknown(len(places))
         return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])

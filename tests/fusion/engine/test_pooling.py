@@ -19,8 +19,8 @@ from fusion.engine.pooling import (
     observer_trust,
     pool_facets,
     pool_joint,
-    pool_many,
     pool_posteriors,
+    pool_steps,
 )
 from fusion.engine.rules import DEFAULT_RULE, RULES, Rule, RuleResult, averaged_log_mix, get_rule
 
@@ -38,6 +38,10 @@ def posterior(n, p, **fields):
 def posteriors(*fields):
     """Those of P, with more fields for the first ones."""
     return [posterior(n, p, **more) for n, (p, more) in enumerate(itertools.zip_longest(P, fields, fillvalue={}))]
+
+
+def facets_of(votes):
+    return pool_facets([PoolingCase(DEFAULT, votes, uniform(3))])[0]
 
 
 def pooled(rule, votes, temperature=1.0):
@@ -167,16 +171,16 @@ def test_a_facet_is_pooled_over_the_observers_that_publish_it_with_as_many_value
     first, second, odd, one = (np.array(p) for p in ([0.2, 0.8], [0.4, 0.6], [0.2, 0.3, 0.5], [1.0]))
     fields = ({"time": first, "facing": first}, {"time": odd}, {"time": second, "single": one})
     votes = [*posteriors(*({"facets": facets} for facets in fields)), posterior(3, P[0])]
-    result = pool_facets(DEFAULT, votes)
+    result = facets_of(votes)
     assert set(result) == {"time"}
     assert result["time"] == pytest.approx(DEFAULT.pool(np.array([first, second]), uniform(2)).p)
 
 
 def test_of_equally_common_numbers_of_values_the_larger_counts_and_reliability_weighs_facets():
     two, three = np.array([0.2, 0.8]), np.array([0.5, 0.3, 0.2])
-    assert len(pool_facets(DEFAULT, posteriors({"facets": {"time": two}}, {"facets": {"time": three}}))["time"]) == 3
+    assert len(facets_of(posteriors({"facets": {"time": two}}, {"facets": {"time": three}}))["time"]) == 3
     doubted = {"facets": {"time": two}, "reliability": 0.1}
-    result = pool_facets(DEFAULT, posteriors(doubted, {"facets": {"time": two[::-1]}}))
+    result = facets_of(posteriors(doubted, {"facets": {"time": two[::-1]}}))
     assert result["time"][0] > 0.7
 
 
@@ -191,7 +195,7 @@ def test_facets_that_are_pooled_together_are_those_of_the_plain_formula(sizes, o
         del facets[-1]["f0"]
     votes = [posterior(n, P[0], facets=own) for n, own in enumerate(facets)]
     votes[0] = replace(votes[0], reliability=reliability)
-    pooled = pool_facets(DEFAULT, votes)
+    pooled = facets_of(votes)
     assert list(pooled) == [f"f{n}" for n in range(len(sizes))]
     for name, p in pooled.items():
         publishers = [vote for vote in votes if name in vote.facets]
@@ -213,7 +217,7 @@ def test_the_newest_capture_is_that_of_a_pooled_posterior_and_not_in_the_future(
 
 def test_invented_facets_are_limited():
     votes = posteriors({"facets": {f"f{n}": np.array([0.5, 0.5]) for n in range(500)}})
-    assert len(pool_facets(DEFAULT, votes)) == 32
+    assert len(facets_of(votes)) == 32
 
 
 def test_trust_and_correlations_come_with_the_posteriors():
@@ -237,6 +241,7 @@ def cases(draw):
             fields["correlations"] = {"cam1": 0.5}
         if draw(st.booleans()) and draw(st.booleans()):
             fields["surprise"] = np.full((m, 3), 9)
+        fields["facets"] = {name: normalise(mass[:2] + k) for k, name in enumerate("abc") if draw(st.booleans())}
         votes.append(posterior(i, mass / mass.sum(), **fields))
     rule = get_rule(draw(st.sampled_from(["guarded_product", "robust_inverse_entropy", "inverse_entropy", "median"])))
     return PoolingCase(rule, votes, uniform(m), draw(st.sampled_from([1.0, 1.5])))
@@ -245,8 +250,11 @@ def cases(draw):
 @given(st.lists(cases(), max_size=4), st.integers(1, 3))
 def test_many_scenes_at_once_are_pooled_to_the_same_bits_as_each_alone(scenes, copies):
     """A service of many scenes pools them together; a replayed capture judges each alone."""
-    for case, together in zip(scenes * copies, pool_many(scenes * copies), strict=True):
+    for case, together in zip(scenes * copies, pool_steps(scenes * copies), strict=True):
         alone = pool_posteriors(case)
+        facets = pool_facets([case])[0]
+        assert list(facets) == list(together.facets)
+        assert [p.tolist() for p in facets.values()] == [p.tolist() for p in together.facets.values()]
         assert together.p.tolist() == alone.p.tolist() and together.weights.tolist() == alone.weights.tolist()
         assert together.unlearned == alone.unlearned
         assert (together.facing is None) == (alone.facing is None)
