@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from common import health
+from common import health_server
 from common.address import Address
 from common.health import ProcessHealth
 
@@ -17,7 +17,7 @@ from common.health import ProcessHealth
 def server():
     process = ProcessHealth("dojo", "observer", "cam1", time.monotonic())
     metrics = SimpleNamespace(exposition=lambda accept: (b"", "text/plain"))
-    with health._Server(Address("127.0.0.1", 0), process, metrics) as server:
+    with health_server.HealthServer(Address("127.0.0.1", 0), process, metrics) as server:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         yield server
@@ -36,10 +36,10 @@ def ask(server):
 
 def test_idle_connections_take_no_more_than_a_few_threads(server):
     before = threading.active_count()
-    idle = [socket.create_connection(server.server_address[:2], 5) for _ in range(health.REQUESTS_LIMIT + 10)]
-    for connection in idle[health.REQUESTS_LIMIT :]:
+    idle = [socket.create_connection(server.server_address[:2], 5) for _ in range(health_server.REQUESTS_LIMIT + 10)]
+    for connection in idle[health_server.REQUESTS_LIMIT :]:
         assert connection.recv(1) == b"", "closed, because no thread is free"
-    assert threading.active_count() - before <= health.REQUESTS_LIMIT
+    assert threading.active_count() - before <= health_server.REQUESTS_LIMIT
     for connection in idle:
         connection.close()
     end_s = time.monotonic() + 5
@@ -51,7 +51,7 @@ def test_idle_connections_take_no_more_than_a_few_threads(server):
 def test_without_descriptors_it_does_not_spin(server, monkeypatch, caplog):
     paused = threading.Event()
     attempts = []
-    monkeypatch.setattr(health, "BACK_OFF_S", 0.02)
+    monkeypatch.setattr(health_server, "BACK_OFF_S", 0.02)
 
     def no_descriptors():
         attempts.append(time.monotonic())
@@ -60,7 +60,7 @@ def test_without_descriptors_it_does_not_spin(server, monkeypatch, caplog):
             paused.set()
         raise OSError(errno.EMFILE, "Too many open files")
 
-    monkeypatch.setattr(health.TCPServer, "get_request", lambda self: no_descriptors())
+    monkeypatch.setattr(health_server.TCPServer, "get_request", lambda self: no_descriptors())
     with socket.create_connection(server.server_address[:2], 5):
         assert paused.wait(5)
     assert attempts[2] - attempts[0] >= 0.04
