@@ -27,6 +27,7 @@ from fusion.engine.weighing import ObserverTrust, RuleResult
 FACING = "facing"
 FACETS_LIMIT = 32
 """Facets that are pooled at most, so that invented names cost no time."""
+NOT_POOLED: Floats = np.empty(0)
 
 
 @dataclass(slots=True)
@@ -146,9 +147,9 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
                 continue
             places = [n for n, own in enumerate(sizes) if own == size]
             rows = [case.posteriors[n].facets[name] for n in places]
-            # The prior is replaced below; it stands here for the order of the names.
-            pooled[name] = prior = uniform(size)
-            facet = _Facet(case.rule, name, rows, prior, trust.subset(places), pooled)
+            # Replaced below; it stands here for the order of the names.
+            pooled[name] = NOT_POOLED
+            facet = _Facet(case.rule, name, rows, trust.subset(places), pooled)
             batches.setdefault((case.rule.name, size, len(places), facet.trust.has_correlations), []).append(facet)
     for batch in batches.values():
         for facet, p in zip(batch, _pool_alike(batch), strict=True):
@@ -158,19 +159,18 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
 
 @dataclass(slots=True)
 class _Facet:
-    """One facet of one case: N distributions `rows`, their prior, the trust in their observers, the case's results."""
+    """One facet of one case: N distributions `rows`, the trust in their observers, and the results of the case."""
 
     rule: Rule
     name: str
     rows: Sequence[Sequence[float]]
-    prior: Floats
     trust: ObserverTrust
     pooled: dict[str, Floats]
 
 
 def _pool_alike(facets: Sequence[_Facet]) -> Iterable[Floats]:
     """(V,) of each of F facets with equal rule, N and V; in one call where the rule takes leading axes."""
-    rule, prior = facets[0].rule, facets[0].prior
+    rule, prior = facets[0].rule, uniform(len(facets[0].rows[0]))
     if rule.pool_movements is None or len(facets) == 1:
         return [_pool_rows(rule, np.array(facet.rows), prior, facet.trust).p for facet in facets]
     rows = np.array([facet.rows for facet in facets])

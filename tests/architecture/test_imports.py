@@ -58,7 +58,8 @@ IMPURE = {
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.health_server common.interrupt "
         "common.lifecycle common.log_limit common.notify common.progress common.terminal common.tls "
-        "deploy.doctor.broker deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher deploy.make_environment "
+        "deploy.doctor.broker deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher "
+        "deploy.make_environment "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
         "hub.teaching.rehearsal hub.teaching.scene_here hub.teaching.terminal hub.teaching.terminal_lesson "
