@@ -85,6 +85,8 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     """Pool each case as `pool_posteriors` does, to the same bits; cases of equal shape together."""
+    if len(cases) == 1:
+        return [pool_posteriors(cases[0])]
     pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
