@@ -14,7 +14,7 @@ The design: fusion.md, "More than movements".
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from fusion.engine.weighing import ObserverTrust, RuleResult
 FACING = "facing"
 FACETS_LIMIT = 32
 """Facets that are pooled at most, so that invented names cost no time."""
-NOT_POOLED: Floats = np.empty(0)
+NOT_POOLED: Floats = np.empty(0)  # keeps the place of a facet among the others
 
 
 @dataclass(slots=True)
@@ -128,10 +128,8 @@ def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | 
 
 def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     """Same as `pool_many`, with the facets."""
-    pooled = pool_many(cases)
-    for result, facets in zip(pooled, pool_facets(cases), strict=True):
-        result.facets = facets
-    return pooled
+    pools = zip(pool_many(cases), pool_facets(cases), strict=True)
+    return [replace(pooled, facets=facets) if facets else pooled for pooled, facets in pools]
 
 
 def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
@@ -140,16 +138,17 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
     batches: dict[tuple[str, int, int, bool], list[_Facet]] = {}
     for case, pooled in zip(cases, results, strict=True):
         published = [posterior.facets for posterior in case.posteriors if posterior.facets]
+        if not published:
+            continue
         names = {name for facets in published for name in facets if name != FACING}
-        trust = observer_trust(case.posteriors) if names else None
+        trust = observer_trust(case.posteriors)
         for name in sorted(names)[:FACETS_LIMIT]:
             sizes = [len(posterior.facets.get(name, ())) for posterior in case.posteriors]
             size = _most_common([own for own in sizes if own])
-            if size < 2 or trust is None:
+            if size < 2:
                 continue
             places = [n for n, own in enumerate(sizes) if own == size]
             rows = [case.posteriors[n].facets[name] for n in places]
-            # Replaced below; it stands here for the order of the names.
             pooled[name] = NOT_POOLED
             facet = _Facet(case.rule, name, rows, trust.subset(places), pooled)
             batches.setdefault((case.rule.name, size, len(places), facet.trust.has_correlations), []).append(facet)
