@@ -4,11 +4,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
 from common.inbox import Inbox
+from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.wire import BadMessage, check_vocabulary, decode_from
@@ -53,7 +54,7 @@ def listen(
     state. `clock` is this machine's time in ns since the epoch. newest_only: of all judgements since the last look only
     the newest is decoded, for hubs that pass on a few a second.
     """
-    keys, same = scene.keys, SameMovement()
+    keys, filters = scene.keys, _Filters()
     state = SceneState(scene.scene, scene.roster, clock(), services=scene.services)
     events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
@@ -66,7 +67,7 @@ def listen(
     new = {(arrival.key, arrival.payload) for arrival in waiting}
     for key, payload in answers:
         if (key, payload) not in new:
-            update = _ingest(state, keys, same, key, payload, clock(), answered=True)
+            update = _ingest(state, keys, filters, key, payload, clock(), answered=True)
             state = update.state
             yield update
     queried_ns = clock()
@@ -74,11 +75,11 @@ def listen(
         arrivals, waiting = waiting or inbox.take(TAKE_S), []
         # A verdict precedes the judgement that shows it.
         for arrival in (*arrivals, *(newest.take(0.0) if newest else ())):
-            update = _ingest(state, keys, same, arrival.key, arrival.payload, arrival.arrived_ns)
+            update = _ingest(state, keys, filters, arrival.key, arrival.payload, arrival.arrived_ns)
             state = update.state
             yield update
         for arrival in late.take(0.0):
-            update = _ingest(state, keys, same, arrival.key, arrival.payload, arrival.arrived_ns, answered=True)
+            update = _ingest(state, keys, filters, arrival.key, arrival.payload, arrival.arrived_ns, answered=True)
             state = update.state
             yield update
         state = replace(state, now_ns=clock(), dropped=inbox.dropped, skipped=newest.dropped if newest else 0)
@@ -88,7 +89,7 @@ def listen(
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns
             for key, payload in link.ask_each(keys.vocabulary, QUERY_S):
-                state = _ingest(state, keys, same, key, payload, state.now_ns).state
+                state = _ingest(state, keys, filters, key, payload, state.now_ns).state
         yield SceneUpdate(state)
 
 
@@ -105,10 +106,18 @@ def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | 
     return message
 
 
+@dataclass(frozen=True, slots=True)
+class _Filters:
+    """What is remembered to tell which messages to take."""
+
+    same: SameMovement = field(default_factory=SameMovement)
+    services: JudgingServices = field(default_factory=JudgingServices)
+
+
 def _ingest(
     state: SceneState,
     keys: SceneKeys,
-    same: SameMovement,
+    filters: _Filters,
     key: str,
     payload: bytes,
     now_ns: int,
@@ -116,16 +125,22 @@ def _ingest(
 ) -> SceneUpdate:
     """Fold in one payload; a judgement that answers a query dates from when it was made."""
     state = state.at(now_ns)
+    role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"
     try:
         message = decode_for_hub(keys, key, payload)
         if isinstance(message, JudgementMessage):
             _require_known(state, message, answered)
     except BadMessage:
         return SceneUpdate(state.reject(), answered=answered)
-    if message is None or (isinstance(message, VerdictMessage) and not same.passes(message)):
+    if isinstance(message, VerdictMessage):
+        if not (answered or filters.services.knows(message)):
+            return SceneUpdate(state.reject())
+        message = message if filters.same.passes(message) else None
+    elif isinstance(message, JudgementMessage) or (isinstance(message, StatusMessage) and role == "fusion"):
+        filters.services.hear(message)
+    if message is None:
         return SceneUpdate(state, answered=answered)
     received_ns = min(now_ns, message.at_ns) if answered and isinstance(message, JudgementMessage) else now_ns
-    role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"
     folded = state.fold(message, received_ns, role)
     return SceneUpdate(folded, None if folded is state else message, answered)
 

@@ -127,14 +127,15 @@ def _observer(keys: SceneKeys, observer: str, tracks: Sequence[str]) -> Iterator
 
 
 def _shares(scene: "Scene", observer: str) -> Iterator[Rule]:
-    """What the scene file switches on: it publishes live pictures of its own, and reads verdicts to keep clips."""
+    """What the scene file switches on: it publishes its own live pictures, and reads who judges what, to keep clips."""
     keys, section = scene.keys, scene.observers[observer]
     if section.picture_hz:
         yield _rule("ingress", ["put"], [keys.picture(observer)])
         yield _rule("egress", ["declare_subscriber"], [keys.picture()])
     if section.clips.folder:
-        yield _rule("ingress", ["declare_subscriber"], [keys.verdict])
-        yield _rule("egress", ["put"], [keys.verdict])
+        judged = [keys.verdict, keys.fusion_status()]
+        yield _rule("ingress", ["declare_subscriber"], judged)
+        yield _rule("egress", ["put"], judged)
 
 
 def _fusion(keys: SceneKeys, fusion: str) -> Iterator[Rule]:

@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 from common import SECOND_NS
 from common.errors import LabanmeshError, reason_of
 from common.inbox import Inbox
-from common.messages import VerdictMessage
+from common.judging_services import JudgingServices
+from common.messages import StatusMessage, VerdictMessage
 from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import BadMessage, decode_from
@@ -62,24 +63,25 @@ class _Clip:
 
 
 class VerdictClips:
-    """Writes a clip for each decided verdict in `verdicts`; a context manager.
+    """Writes a clip for each decided verdict; a context manager.
 
-    seconds: of the clip, before and after the verdict has arrived. vocabulary: the observer's now; verdicts of other
-    movements are left out and counted in `left_out`, because anybody may publish on a mesh without certificates. clock:
-    this machine's time, ns since the epoch.
+    arrived: verdicts, and the statuses of the fusion services. seconds: of the clip, before and after the verdict has
+    arrived. vocabulary: the observer's now; verdicts of other movements, and of processes that are no fusion service of
+    the scene, are left out and counted in `left_out`, because anybody may publish on a mesh without certificates.
+    clock: this machine's time, ns since the epoch.
     """
 
     def __init__(
         self,
-        verdicts: Inbox,
+        arrived: Inbox,
         folder: ClipFolder,
         observer: str,
         seconds: tuple[float, float],
         vocabulary: Callable[[], Vocabulary | None],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._verdicts, self._observer, self._vocabulary, self._clock = verdicts, observer, vocabulary, clock
-        self.left_out = 0
+        self._arrived, self._observer, self._vocabulary, self._clock = arrived, observer, vocabulary, clock
+        self._services, self.left_out = JudgingServices(), 0
         self._before_ns, self._after_ns = (round(each * SECOND_NS) for each in seconds)
         self._pictures: deque[_Picture] = deque(maxlen=round(sum(seconds) * CLIP_HZ) + 2)
         self._next_ns = 0
@@ -108,23 +110,27 @@ class VerdictClips:
         self._writer.close()
 
     def _take(self, now_ns: int) -> None:
-        for arrival in self._verdicts.take(0.0):
+        for arrival in self._arrived.take(0.0):
             try:
-                verdict = decode_from(arrival.key, VerdictMessage, arrival.payload)
+                if arrival.key.endswith("/status"):
+                    self._services.hear(decode_from(arrival.key, StatusMessage, arrival.payload))
+                else:
+                    verdict = decode_from(arrival.key, VerdictMessage, arrival.payload)
+                    self._note(verdict, arrival.arrived_ns)
             except BadMessage:
                 continue  # the hubs and the fusion service count and report these
-            self._note(verdict, arrival.arrived_ns)
         for verdict_id, pending in tuple(self._pending.items()):
             if now_ns - pending.decided_ns >= self._after_ns:
                 self._complete(verdict_id)
 
     def _note(self, verdict: VerdictMessage, arrived_ns: int) -> None:
         vocabulary = self._vocabulary()
-        is_ours = vocabulary is not None and verdict.label in (ABSTAIN, *vocabulary.labels)
+        is_known = vocabulary is not None and verdict.label in (ABSTAIN, *vocabulary.labels)
+        is_ours = is_known and self._services.knows(verdict)
         is_new = verdict.id not in self._known and verdict.id not in self._pending
         if not is_ours or (is_new and len(self._pending) >= PENDING_LIMIT):
             if not self.left_out:
-                log.warning("%s: no clips of verdicts that are of none of its movements", self._observer)
+                log.warning("%s: no clips of verdicts that are of none of its movements, or nobody's", self._observer)
             self.left_out += 1
             return
         if verdict.id in self._pending and verdict.label != ABSTAIN:

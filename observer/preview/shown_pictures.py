@@ -61,8 +61,8 @@ def shown_pictures(
     clips = section.clips
     if clips.folder:
         folder = ClipFolder(scene.place(clips.folder), clips.keep_days, clips.keep_mb)
-        verdicts = link.inbox(keys.verdict)
-        outlets.append(VerdictClips(verdicts, folder, observer_id, clips.seconds, lambda: observer.vocabulary))
+        arrived = link.inbox(keys.verdict, keys.fusion_status())
+        outlets.append(VerdictClips(arrived, folder, observer_id, clips.seconds, lambda: observer.vocabulary))
         log.info("%s: a clip of each verdict in %s", observer_id, folder.path)
     with ExitStack() as stack:
         for outlet in outlets:

@@ -121,6 +121,29 @@ def test_a_verdict_of_no_movement_is_rejected_and_counted(scene, make, fake_link
     assert state.judgement.label == "nthrow" and {getattr(each.message, "id", "v4") for each in updates} == {"v4", "v5"}
 
 
+def test_a_verdict_of_no_service_that_judges_is_rejected_and_counted(scene, make, fake_link):
+    """Anybody may copy a vocabulary; and a capture of yesterday may be played onto the mesh."""
+
+    def other(fusion, message):
+        return message.model_copy(update={"fusion": fusion})
+
+    forged = [make.verdict(1, session="yesterday"), other("nobody", make.verdict(2, session="s1"))]
+    taken = [make.verdict(3, session="s1"), other("cam1", make.verdict(4, session="s2"))]
+    standby = (f"{ROOT}/fusion/cam1/status", encode(make.status("cam1", session="s2")))
+    arrivals = [
+        *pairs(judgement=make.judgement(session="s1")),
+        standby,
+        *(p for v in forged + taken for p in pairs(verdict=v)),
+    ]
+    link = fake_link(pairs(vocabulary=make.vocabulary()), arrivals)
+    state = last(listen(scene, link, looks(1)))
+    assert [each.id for each in state.verdicts] == ["v4", "v3"] and state.rejected == len(forged)
+    # Before anything is known of a scene, a verdict is taken; and one that was asked for may be of a service long gone.
+    assert last(listen(scene, fake_link((), pairs(verdict=forged[0])), looks(1))).rejected == 0
+    asked = fake_link([*pairs(judgement=make.judgement(session="s1")), *pairs(verdict=forged[0])])
+    assert last(listen(scene, asked, looks(1))).rejected == 0
+
+
 def test_a_verdict_of_the_vocabulary_before_is_known_to_late_joiners_and_ends(scene, make, fake_link):
     old = make.verdict(1)
     ended = make.verdict(1, at_ns=make.NOON + 1, ended_ns=make.NOON + 1, stage="ended")

@@ -12,7 +12,7 @@ from common import SECOND_NS
 from common.errors import LabanmeshError
 from common.inbox import Inbox
 from common.keys import SceneKeys
-from common.messages import Agreement, VerdictMessage, VocabularyReference
+from common.messages import Agreement, StatusMessage, VerdictMessage, VocabularyReference
 from common.picture_message import PICTURE_SIDE_PX
 from common.vocabulary import Vocabulary
 from common.wire import encode
@@ -99,6 +99,17 @@ def test_verdicts_of_no_movement_and_floods_make_no_files(stage, tmp_path, caplo
     stage.clips.close()
     assert all("_wave_" in path.name for path in (tmp_path / "clips").iterdir())
     assert sum("none of its movements" in line for line in caplog.messages) == 1
+
+
+def test_a_verdict_of_no_fusion_service_makes_no_clip(stage, tmp_path):
+    status = StatusMessage(scene="dojo", id="fusion", state="running", session="s1")
+    stage.inbox.put(SceneKeys("dojo").fusion_status("fusion"), encode(status))
+    stage.play(1)
+    for number, session in enumerate(("s0", None, "s1")):
+        stage.decide(verdict(number, session=session))
+    stage.play(1.2)
+    stage.clips.close()
+    assert stage.clips.left_out == 2 and [path.stem[-3:] for path in (tmp_path / "clips").iterdir()] == ["f-2"]
 
 
 def test_a_clip_that_is_not_over_is_written_at_the_end_with_what_there_is(stage, tmp_path):
