@@ -210,7 +210,8 @@ class FusionConfig(Section):
     takeover_s. start_s: how long verdicts wait, after the first posterior, for observers that have not begun; 0: not.
     memory: a file or folder for checkpoints of the movement in progress and the learned reliability; None: a file in
     $STATE_DIRECTORY or beside the scene file; "": none.
-    temperature: of the pooled posterior; above 1 makes it less certain. votes: those in judgements.
+    temperature: of the pooled posterior; above 1 makes it less certain. votes: those in judgements. periodic: the
+    labels that are one movement for as long as they are repeated; None: those whose takes are periodic.
     """
 
     id: str = "fusion"
@@ -229,6 +230,7 @@ class FusionConfig(Section):
     start_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     memory: Annotated[str, Field(examples=["fusion.memory"])] | None = None
     votes: Literal["short", "full"] = "short"
+    periodic: Annotated[tuple[str, ...], Field(strict=False, examples=[["wave"]])] | None = None
 
 
 def default_quorum(observers: int) -> int:

@@ -63,7 +63,7 @@ class FusionMetrics(Metrics):
                 self._record(verdict)
 
     def _note_unheard(self, judgement: JudgementMessage, published: Sequence[VerdictMessage]) -> None:
-        """A movement without a verdict that another one follows at once began afresh (verdict_detector.py, rule 8)."""
+        """A movement without a verdict that another one follows at once began afresh (segmenter.py, rule 9)."""
         movement, before = judgement.movement, self._undecided.pop(judgement.scene, "")
         if judgement.epoch is None or movement is None:
             return

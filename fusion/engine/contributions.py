@@ -1,20 +1,55 @@
-"""The contribution of each observer to a verdict: the change when its posterior is left out. Pure.
+"""What a verdict is based on, and the contribution of each observer: the change when its posterior is left out. Pure.
 
 The design: fusion.md, "What verdicts teach".
 """
 
 import math
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from common.messages import Contribution
+from common.messages import Contribution, JudgementMessage
 from common.probability import Floats
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
-from fusion.engine.roster import POOLED_STATES
+from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.segments import PooledState
 
 SMALLEST = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""
+
+
+@dataclass(slots=True)
+class VerdictBasis:
+    """A judgement that a verdict may be based on, its posteriors, and what a label lacked then.
+
+    Without posteriors if it is a verdict, or came from another service. Nothing changes one.
+    """
+
+    judgement: JudgementMessage
+    posteriors: Sequence[AgedPosterior] = ()
+    why: str | None = None
+
+
+NO_BASES: Mapping[int, VerdictBasis] = {}
+"""By the time of the step, Unix epoch in ns."""
+
+
+@dataclass(slots=True)
+class NearestMiss:
+    """The step at which the movement begun at `began_ns` came nearest to a verdict: its label's `p`, what it lacked."""
+
+    began_ns: int = 0
+    p: float = -1.0
+    why: str | None = None
+
+
+@dataclass(slots=True)
+class LastObserved:
+    """The last step, if an observer counted in it."""
+
+    state: PooledState
+    basis: VerdictBasis
 
 
 def contributions(case: PoolingCase, label: int | None) -> dict[str, Contribution]:

@@ -14,25 +14,22 @@ from common.message_types import LAST_INTEGER
 from common.messages import (
     Contribution,
     JudgementMessage,
-    OngoingMovement,
     PosteriorMessage,
     VerdictMessage,
 )
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
-from fusion.engine.contributions import contributions
-from fusion.engine.explanation import explain_undecided, why_contested
+from fusion.engine.contributions import NO_BASES, LastObserved, NearestMiss, VerdictBasis, contributions
+from fusion.engine.explanation import explain_undecided, why_contested, why_waiting
 from fusion.engine.label_trust import LabelTrust
 from fusion.engine.messages import DoubtedObservers, JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
-from fusion.engine.movement import MovementDecision, PooledState, last_capture_ns
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_steps
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
-from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
-from fusion.engine.verdict_basis import NO_BASES, LastObserved, NearestMiss, VerdictBasis
-from fusion.engine.verdict_detector import VerdictDetector
+from fusion.engine.segmenter import Segmenter
+from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
 
 
 @dataclass(slots=True)
@@ -59,14 +56,14 @@ class FusionEngine:
         self._rule = get_rule(config.rule, len(observers))
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
-        self._detector, self._rest = VerdictDetector(config), RestPool()
+        self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
         self.label_trust = LabelTrust()
         """Who is named; it takes part in no decision, so that a replay may set it as it was recorded."""
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
         self._nearest = NearestMiss()
-        self._start = RosterStart()
+        self._withheld = list[VerdictMessage]()
         self._seq = 0
         self.reliability = Reliability()
 
@@ -93,7 +90,7 @@ class FusionEngine:
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` seconds after the first one."""
-        self._start.begin(grace_s)
+        self._segmenter.wait(grace_s)
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
@@ -127,8 +124,7 @@ class FusionEngine:
         A movement that is not decided yet gets no verdict. What was learned about the observers is forgotten: it was
         learned about their old models.
         """
-        decision = self._detector.end_now(now_ns)
-        verdicts = []
+        decision, verdicts = self._segmenter.end_now(now_ns), list[VerdictMessage]()
         if decision is not None and (basis := self._bases.get(decision.decided_ns)) is not None:
             stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
             verdict_id = self._builder.verdict_id(decision.began_ns)
@@ -136,11 +132,13 @@ class FusionEngine:
             why = basis.why if decision.label == ABSTAIN else None
             verdicts = [build_verdict(basis.judgement, basis.judgement, decision, why, contributed, verdict_id, stamp)]
         self._roster.change_vocabulary(vocabulary)
+        self._segmenter.change_vocabulary(vocabulary)
         self.vocabulary = vocabulary
         self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases, self._last_observed, self._nearest = NO_BASES, None, NearestMiss()
         self.reliability = Reliability()
-        return self._start.end(verdicts)
+        self._segmenter.wait(0)
+        return self._released(verdicts)
 
     def step(self, now_ns: int) -> EngineOutput:
         """Fuse the posteriors at `now_ns` to a judgement, and a verdict if one is due."""
@@ -165,27 +163,32 @@ class FusionEngine:
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)
         captured_ns = newest_capture_ns(posteriors, now_ns)
-        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, captured_ns)
+        missing = missing_of(posteriors) if self._segmenter.waits else []
+        state = PooledState(
+            now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, captured_ns, not missing,
+            repetitions_of(ballot.label, ballot.votes.values()),
+        )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
         # No observer counts any more, as after a film: the last observed state ends in rest, because nothing follows.
         last = None if observed else self._last_observed
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0, observed=False)
-        decisions = self._detector.update(shown) if has_posterior else ()
-        self._start.update(posteriors, now_ns)
+        decisions = self._segmenter.update(shown) if has_posterior else ()
         self._seq += 1
-        movement = self._ongoing_movement()
+        movement = self._builder.ongoing(self._segmenter.shown)
         began_ns = now_ns if movement is None else movement.began_ns
         is_moving = movement is not None or (observed and (state.rest < 0.5 or self._rest.contested))
-        why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
+        why = self._why(state, ballot.agreement.n, began_ns, missing) if is_moving or decisions else None
         stamp = self._stamp(now_ns)
-        judgement = self._builder.judgement(ballot, pooled, movement, why if is_moving else None, stamp)
+        judgement = self._builder.judgement(
+            ballot, pooled, movement, why if is_moving else None, stamp, self._segmenter.repetitions
+        )
         current = VerdictBasis(judgement, posteriors, why)
         basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
         self.label_trust.update(judgement.votes, movement, self._records, now_ns)
-        return EngineOutput(judgement, self._start.release(verdicts))
+        return EngineOutput(judgement, self._released(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
         """Continue from another service's message: its number and movement; from a verdict also its basis.
@@ -194,16 +197,16 @@ class FusionEngine:
         """
         # A number near the end of its range would leave none for the next judgements.
         self._seq = judgement.seq if judgement.seq < LAST_INTEGER // 2 else 0
-        self._start.end()
+        self._segmenter.wait(0)
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return
         if not isinstance(judgement, VerdictMessage):
             ongoing = judgement.movement
             movement, outage_ns = (None, None) if ongoing is None else (progress_of(ongoing), ongoing.outage_ns)
-            self._detector.follow(movement, last_capture_ns(judgement), outage_ns)
+            self._segmenter.follow(movement, last_capture_ns(judgement), outage_ns)
             self._keep_bases(self._bases)
             return
-        self._detector.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
+        self._segmenter.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
         self._keep_bases({**self._bases, judgement.decided_ns: VerdictBasis(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
 
@@ -213,12 +216,12 @@ class FusionEngine:
         Returns False, and changes nothing, if this engine has decided a movement itself, or the judgement has none, or
         it is in another vocabulary.
         """
-        own, movement = self._detector.movement, judgement.movement
+        own, movement = self._segmenter.movement, judgement.movement
         if movement is None or movement.label is None or (own is not None and own.decision is not None):
             return False
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return False
-        self._detector.follow(progress_of(movement))
+        self._segmenter.follow(progress_of(movement))
         return True
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:
@@ -233,7 +236,7 @@ class FusionEngine:
     ) -> list[VerdictMessage]:
         """The verdicts on what was decided now, based on `basis`; keeps the bases that later verdicts may need."""
         verdicts: list[VerdictMessage] = []
-        if decisions or self._detector.basis_times:
+        if decisions or self._segmenter.basis_times:
             bases = {**self._bases, now_ns: basis}
             for decision in decisions:
                 verdicts.append(verdict := self._verdict(now_ns, decision, bases))
@@ -246,26 +249,28 @@ class FusionEngine:
         return verdicts
 
     def _keep_bases(self, bases: Mapping[int, VerdictBasis]) -> None:
-        self._bases = {at_ns: bases[at_ns] for at_ns in self._detector.basis_times if at_ns in bases}
+        self._bases = {at_ns: bases[at_ns] for at_ns in self._segmenter.basis_times if at_ns in bases}
 
     def _stamp(self, at_ns: int) -> Stamp:
         return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)
 
-    def _why(self, state: PooledState, observers: int, began_ns: int) -> str | None:
-        since_ns = self._detector.held_since_ns
+    def _released(self, verdicts: Sequence[VerdictMessage]) -> Sequence[VerdictMessage]:
+        """The verdicts to publish now: none while observers are waited for, then also those withheld before."""
+        if self._segmenter.waits:
+            self._withheld += verdicts
+            return []
+        released, self._withheld = [*self._withheld, *verdicts], []
+        return released
+
+    def _why(self, state: PooledState, observers: int, began_ns: int, missing: Sequence[str]) -> str | None:
+        since_ns = self._segmenter.held_since_ns
         held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
         why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
         why = why_contested(why, state.rest >= 0.5) if self._rest.contested else why
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
-        if is_nearer and self._detector.movement is not None:
+        if is_nearer and self._segmenter.movement is not None:
             self._nearest = NearestMiss(began_ns, state.p, why)
-        return self._start.why if self._start.waits and observers else why
-
-    def _ongoing_movement(self) -> OngoingMovement | None:
-        movement = self._detector.movement
-        if movement is not None and self._start.waits:
-            movement = replace(movement, decision=None)
-        return self._builder.ongoing(movement, self._detector.outage_ns)
+        return why_waiting(missing) if self._segmenter.waits and observers else why
 
     def _verdict(self, now_ns: int, decision: MovementDecision, bases: Mapping[int, VerdictBasis]) -> VerdictMessage:
         """The verdict with its basis: the votes that decided it, also when its end is published.

@@ -1,15 +1,18 @@
 """Why a movement in progress has no verdict yet, as one line for people. Pure."""
 
+from collections.abc import Sequence
 from functools import cache
 from math import floor
 
 from common.config_sections import FusionConfig
 from common.messages import WHY_LIMIT
-from fusion.engine.movement import PooledState
+from fusion.engine.segments import PooledState
 
 NO_OBSERVERS = "waiting for observers"
 CONTESTED_REST = "two observers contradict each other on whether the person rests"
 ROUND_OFF = 1e-9
+NAMES_LIMIT = 3
+"""Awaited observers that are listed by name."""
 
 
 def explain_undecided(
@@ -49,6 +52,12 @@ def why_contested(why: str | None, rests: bool) -> str:
     rests: the person rested when they last agreed, so that no label is wanted.
     """
     return CONTESTED_REST if why is None or rests else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
+
+
+def why_waiting(missing: Sequence[str]) -> str:
+    """Which observers of the roster have not begun."""
+    more = len(missing) - NAMES_LIMIT
+    return f"waiting for {', '.join(missing[:NAMES_LIMIT])}{f' and {more} more' if more > 0 else ''} to begin"
 
 
 def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:

@@ -28,9 +28,9 @@ from common.messages import (
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
 from fusion.engine.guarded_pool import TINY
-from fusion.engine.movement import MovementDecision, MovementProgress
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.segments import MovementDecision, MovementProgress
 from fusion.engine.weighing import NATS_TO_BITS
 
 LABEL_MARGIN = 0.01
@@ -83,7 +83,6 @@ class JudgementBuilder:
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
-        self._outage_ns: int | None = None
 
     def ballot(self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, doubted: DoubtedObservers) -> Ballot:
         """Every observer's vote, and the fused label."""
@@ -124,6 +123,7 @@ class JudgementBuilder:
         movement: OngoingMovement | None,
         why: str | None,
         stamp: Stamp,
+        repetitions: int | None = None,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
         pooled_facets = {name: _in_range(p.tolist()) for name, p in pooled.facets.items()}
@@ -149,7 +149,7 @@ class JudgementBuilder:
             "why": why if movement is None or movement.label is None else None,
             "epoch": stamp.epoch,
             "session": stamp.session,
-            "repetitions": None,
+            "repetitions": repetitions,
         }
         return unchecked(JudgementMessage, fields)
 
@@ -157,12 +157,12 @@ class JudgementBuilder:
         """The id of the movement that began then, in all messages about it."""
         return f"{self._scene}-{began_ns // 1_000_000}"
 
-    def ongoing(self, movement: MovementProgress | None, outage_ns: int | None = None) -> OngoingMovement | None:
+    def ongoing(self, movement: MovementProgress | None) -> OngoingMovement | None:
         """The movement in progress as judgements carry it; built once, because it changes seldom."""
-        if movement is not self._movement or outage_ns != self._outage_ns:
-            self._movement, self._outage_ns = movement, outage_ns
+        if movement is not self._movement:
+            self._movement = movement
             name = "" if movement is None else self.verdict_id(movement.began_ns)
-            self._ongoing = None if movement is None else _ongoing(movement, name, outage_ns)
+            self._ongoing = None if movement is None else _ongoing(movement, name)
         return self._ongoing
 
     def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
@@ -243,6 +243,7 @@ def build_verdict(
     fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
     fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
     fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
+    fields |= {"repetitions": decision.repetitions}
     return VerdictMessage.model_validate(fields)
 
 
@@ -253,14 +254,14 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
     return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
 
 
-def _ongoing(movement: MovementProgress, movement_id: str, outage_ns: int | None) -> OngoingMovement:
+def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
     decision = movement.decision
     fields: dict[str, Any] = {"id": movement_id, "began_ns": movement.began_ns}
     if decision is None:
         fields |= {"label": None, "decided_ns": None, "revises": None, "outage_ns": None}
     else:
         fields |= {"label": decision.label, "decided_ns": decision.decided_ns, "revises": decision.revises}
-        fields["outage_ns"] = outage_ns
+        fields["outage_ns"] = movement.outage_ns
     return unchecked(OngoingMovement, fields)
 
 

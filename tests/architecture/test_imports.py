@@ -110,7 +110,7 @@ def listed(faults):
 def test_this_test_finds_the_imports():
     assert {room_of(name) for name in FILES} == {*ROOMS, "labanmesh"}
     pairs = {(i.by, i.of) for i in all_imports()}
-    assert ("fusion.engine.engine", "fusion.engine.verdict_detector") in pairs and ("common.link", "zenoh") in pairs
+    assert ("fusion.engine.engine", "fusion.engine.segmenter") in pairs and ("common.link", "zenoh") in pairs
     lazy = [i for i in all_imports() if i.by == "fusion.commands" and i.of == "fusion.server"]
     assert lazy and not lazy[0].at_import
     assert any(i.for_types and i.of == "common.link" for i in all_imports() if i.by == "hub.session")

@@ -19,7 +19,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from common.probability import entropy_bits
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.movement import last_capture_ns
+from fusion.engine.segments import last_capture_ns
 
 
 def test_the_story_of_one_bow():

@@ -1,13 +1,11 @@
 """No verdict before the roster has begun: the wait at the start of a scene, on the engine with simulated time."""
 
-from dataclasses import replace
-from types import SimpleNamespace
-
 import pytest
-from engine_stage import MOVING, REST, STEP_NS, UNIFORM, VIEWS, EngineDriver, aged, sure
+from engine_stage import CONFIG, MOVING, REST, STEP_NS, UNIFORM, VIEWS, VOCABULARY, EngineDriver, sure
 
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.roster_start import RosterStart
+from fusion.engine.segmenter import Segmenter
+from fusion.engine.segments import PooledState
 
 GRACE_STEPS = 30
 
@@ -119,20 +117,25 @@ def test_a_new_vocabulary_ends_the_wait():
     assert [(each.label, each.stage) for each in ended] == [("bow", "decided"), ("bow", "ended")]
 
 
-@pytest.mark.parametrize(
-    ("label", "revises", "began", "is_published"),
-    [
-        (ABSTAIN, None, 20, False),
-        (ABSTAIN, None, 21, True),
-        (ABSTAIN, "bow", 20, True),
-        ("bow", None, 20, True),
-    ],
-    ids=["begun as the wait ended", "begun later", "a decision taken back", "a label"],
-)
-def test_only_a_first_abstention_on_a_movement_begun_during_the_wait_is_dropped(label, revises, began, is_published):
-    start = RosterStart()
-    start.begin(2.0)
-    for n in range(21):
-        start.update([aged("door", UNIFORM), replace(aged("wheel", UNIFORM, "silent"), age_s=None)], n * STEP_NS)
-    verdict = SimpleNamespace(label=label, revises=revises, began_ns=began * STEP_NS)
-    assert not start.waits and start.release([verdict]) == [verdict] * is_published
+@pytest.mark.parametrize(("began", "labels"), [(20, []), (21, [ABSTAIN])], ids=["as the wait ended", "later"])
+def test_only_an_abstention_on_a_movement_begun_during_the_wait_is_dropped(began, labels):
+    scene = EngineDriver()
+    scene.engine.wait_for_roster(2.0)
+    there = VIEWS[:3]
+    scene.step(views(UNIFORM, there), REST, began)
+    scene.step(views(UNIFORM, there), MOVING, 5)
+    scene.step(views(UNIFORM, there), REST, 8)
+    assert scene.labels == labels
+
+
+def test_a_label_and_a_decision_taken_back_of_a_movement_begun_during_the_wait_are_published():
+    segmenter = Segmenter(CONFIG, VOCABULARY)
+    segmenter.wait(0.5)
+    story = [("bow", 0.9, 0.1, 0.0, 8), ("bow", 0.05, 0.1, 0.9, 5), ("bow", 0.05, 0.9, 0.9, 8)]
+    steps = [step for *step, times in story for _ in range(times)]
+    published = [
+        decision
+        for n, (label, p, rest, unlearned) in enumerate(steps)
+        for decision in segmenter.update(PooledState(n * STEP_NS, label, p, 3, rest, unlearned, complete=False))
+    ]
+    assert [(d.stage, d.label) for d in published] == [("decided", "bow"), ("revised", ABSTAIN), ("ended", ABSTAIN)]

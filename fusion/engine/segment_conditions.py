@@ -1,0 +1,164 @@
+"""The conditions of the events in the segmenter's table, from what was observed and what was decided. Pure.
+
+The rules are those of segmenter.py.
+"""
+
+from collections.abc import Callable, Mapping
+
+from common import SECOND_NS
+from common.config_sections import FusionConfig
+from common.vocabulary import Vocabulary
+from fusion.engine.segment_table import Event, State
+from fusion.engine.segment_watch import ANY, OUTAGE_S, RESTING, Step, Watch
+from fusion.engine.segments import PAUSE_S, MovementDecision, MovementProgress, Pause, pauses_of
+
+CARRIED_S = 0.6
+"""In a simulation of observers that die, freeze and start, none held the previous label for longer than 0.5 s."""
+REVISIONS_LIMIT = 3
+"""Of one movement, so that labels in turn give no endless series of verdicts; wire.md promises it."""
+REVOKED_S = 0.3
+"""Observers call rest "something else" for up to so long, before they notice that the person is still."""
+FADING = 2
+"""In multiples of `hold_s`: so long a label has to be unlikely before its movement has ended."""
+NEXT_S, REVISED_S = 0.3, 1.0
+"""Movements of people do not follow one another faster than the first; a premature decision is over by the second."""
+HIDING_S, ENDING_S = 2.0, 5.0
+"""An outage longer than the first can hide a rest and a movement; after one longer than the second the same label is
+another movement."""
+
+
+class Conditions:
+    """What is known of the movement in progress, and whether an event shows in a step."""
+
+    def __init__(self, config: FusionConfig, vocabulary: Vocabulary) -> None:
+        self._hold_ns, self._watch = config.hold_s * SECOND_NS, Watch(config)
+        self._pauses: Mapping[str, Pause] = pauses_of(config, vocabulary)
+        self.state = State.IDLE
+        self.movement: MovementProgress | None = None
+        """The movement that goes on; None at rest."""
+
+    @property
+    def decision(self) -> MovementDecision | None:
+        """On the movement in progress."""
+        return None if self.movement is None else self.movement.decision
+
+    @property
+    def pause(self) -> Pause | None:
+        """How long the decided movement may pause because it is periodic; None: it is not."""
+        decision = self.decision
+        return None if decision is None else self._pauses.get(decision.label)
+
+    def named(self, step: Step) -> str | None:
+        """The label that may be decided now (rules 1 to 3)."""
+        movement, at_ns = self.movement, step.state.at_ns
+        held, quiet = self._watch.held, self._watch.quiet if self.state in RESTING else None
+        label = step.named
+        if label is None and quiet is not None and quiet.since_ns == at_ns and held is not None and held.agreed_ns:
+            label = held.label
+        if movement is None or label is None or self.is_short(at_ns):
+            return None
+        is_carried = movement.carried in (ANY, label) and at_ns - movement.began_ns < CARRIED_S * SECOND_NS
+        return None if is_carried and (quiet is None or not step.state.observed) else label
+
+    def is_short(self, at_ns: int) -> bool:
+        """Whether the person has moved for less than `hold_s` (rule 1)."""
+        quiet = self._watch.quiet if self.state in RESTING else None
+        moved_until_ns = at_ns if quiet is None else quiet.since_ns
+        return self.movement is None or moved_until_ns - self.movement.began_ns < self._hold_ns
+
+    def renamed(self) -> str | None:
+        """The label that replaces the decided one at rest (rule 6)."""
+        decision, quiet, movement = self.decision, self._watch.quiet, self.movement
+        if decision is None or movement is None or quiet is None or movement.outage_ns is not None:
+            return None
+        label = self._watch.named(quiet.since_ns)
+        return label if label != decision.label and decision.revisions < REVISIONS_LIMIT else None
+
+    def is_revoked(self, step: Step) -> bool:
+        """Whether rest begins after something else that says that the decided label was wrong (rule 6)."""
+        quiet, at_ns = self._watch.quiet, step.state.at_ns
+        if self.decision is None or self.pause is not None or quiet is None or quiet.clear_ns is None:
+            return False
+        has_faded = at_ns - quiet.since_ns >= FADING * self._hold_ns
+        return at_ns - quiet.clear_ns >= REVOKED_S * SECOND_NS and not has_faded
+
+    def is_seen(self, step: Step) -> bool:
+        """Whether the decided label is likeliest."""
+        return step.state.observed and self._watch.is_seen(step.state, self.decision)
+
+    def is_confirmed(self, step: Step) -> bool:
+        """Whether the decided label is held again after an outage."""
+        movement, decision = self.movement, self.decision
+        was_hidden = movement is not None and movement.outage_ns is not None
+        return was_hidden and decision is not None and step.named == decision.label
+
+    def is_other(self, step: Step) -> bool:
+        """Whether another label than the decided one is held while the person moves."""
+        decision, is_moving = self.decision, step.state.observed and step.state.rest < 0.5
+        return is_moving and decision is not None and step.named not in (None, decision.label)
+
+    def is_next(self, step: Step) -> bool:
+        """Whether another label is held that is that of the next movement (rule 7)."""
+        held, movement = self._watch.held, self.movement
+        if not self.is_other(step) or movement is None or held is None or held.agreed_ns is None:
+            return False
+        return movement.outage_ns is not None or held.agreed_ns - movement.began_ns >= NEXT_S * SECOND_NS
+
+    def is_premature(self, step: Step) -> bool:
+        """Whether another label is still held long after the decision (rule 7)."""
+        decision = self.decision
+        if decision is None or decision.revisions >= REVISIONS_LIMIT or not self.is_other(step):
+            return False
+        return step.state.at_ns - decision.decided_ns >= REVISED_S * SECOND_NS
+
+    def is_missed(self, step: Step) -> bool:
+        """Whether the person moves, but the movement has not been seen for long enough (rules 5, 7 and 8)."""
+        quiet, state, decision, pause = self._watch.quiet, step.state, self.decision, self.pause
+        if quiet is None or state.rest >= 0.5 or not state.observed:
+            return False
+        is_open = decision is not None and self.state is not State.PASSED and decision.revisions < REVISIONS_LIMIT
+        if is_open and self.is_other(step):
+            return False
+        needed_ns = FADING * self._hold_ns
+        if pause is not None:
+            needed_ns = pause.else_ns
+        elif decision is not None and state.idle:
+            needed_ns = max(needed_ns, PAUSE_S * SECOND_NS)
+        return state.at_ns - quiet.since_ns >= needed_ns
+
+    def is_rested(self, step: Step) -> bool:
+        """Whether rest has lasted for long enough (rules 4, 5 and 8)."""
+        quiet, held, at_ns, pause = self._watch.quiet, self._watch.held, step.state.at_ns, self.pause
+        if quiet is None or step.state.rest < 0.5:
+            return False
+        needed_ns = self._hold_ns
+        if self.decision is None:
+            is_awaited = step.named is None and held is not None and held.agreed_ns is not None
+            needed_ns *= 2 if is_awaited else 1
+        elif pause is not None:
+            needed_ns = pause.rest_ns
+        elif quiet.clear_ns is None or at_ns - quiet.clear_ns < self._hold_ns:
+            needed_ns = max(needed_ns, PAUSE_S * SECOND_NS)
+        return at_ns - quiet.since_ns >= needed_ns
+
+
+GUARDS: Mapping[Event, Callable[[Conditions, Step], bool]] = {
+    Event.MOVES: lambda _, step: step.state.observed and not step.state.idle,
+    Event.MOVES_AGAIN: lambda _, step: step.state.rest < 0.5,
+    Event.RESTS: lambda _, step: step.state.rest >= 0.5,
+    Event.LEFT: lambda _, step: step.state.observed and step.state.idle and step.state.rest < 0.5,
+    Event.NAMED: lambda known, step: known.named(step) is not None,
+    Event.RESTED: Conditions.is_rested,
+    Event.MISSED: Conditions.is_missed,
+    Event.SEEN: Conditions.is_seen,
+    Event.CONFIRMED: Conditions.is_confirmed,
+    Event.NEXT: Conditions.is_next,
+    Event.ANOTHER: Conditions.is_other,
+    Event.PREMATURE: Conditions.is_premature,
+    Event.RENAMED: lambda known, _: known.renamed() is not None,
+    Event.OUTAGE: lambda _, step: step.gap_ns > OUTAGE_S * SECOND_NS,
+    Event.OUTAGE_IN_MOTION: lambda _, step: step.gap_ns > OUTAGE_S * SECOND_NS and not step.state.idle,
+    Event.OUTAGE_AT_REST: lambda _, step: step.gap_ns > OUTAGE_S * SECOND_NS and step.state.idle,
+    Event.LONG_OUTAGE_AT_REST: lambda _, step: step.gap_ns > HIDING_S * SECOND_NS and step.state.idle,
+    Event.LONG_OUTAGE: lambda _, step: step.gap_ns > ENDING_S * SECOND_NS,
+}

@@ -1,0 +1,163 @@
+"""The data of the segmenter: the pooled posterior at one time, a movement and its decision, a label that is held."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import floor
+from statistics import median
+from typing import NamedTuple
+
+from common import SECOND_NS
+from common.config_sections import FusionConfig
+from common.message_types import MovementTimes
+from common.messages import JudgementMessage, VerdictStage, Vote
+from common.vocabulary import Vocabulary
+from fusion.engine.roster import AgedPosterior
+
+PAUSE_S = 0.4
+"""People rest for longer between two movements, or not at all; observers count repetitions by the same time."""
+PERIODS = 2.0
+"""Who turns round so long after the last time begins anew, as where observers count (observer/model/repetitions.py)."""
+NO_TIMES = MovementTimes()
+
+
+@dataclass(slots=True)
+class PooledState:
+    """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
+
+    p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
+    agreeing: observers whose own label it is. observed: whether the posterior of any observer is pooled.
+    newest_capture_ns: capture time of the newest of them; None: at_ns. complete: whether each observer of the roster
+    has begun. repetitions: of the label so far, as observers count them; None: nobody counts.
+    """
+
+    at_ns: int
+    label: str
+    p: float
+    agreeing: int
+    rest: float
+    unlearned: float = 0.0
+    observed: bool = True
+    newest_capture_ns: int | None = None
+    complete: bool = True
+    repetitions: int | None = None
+
+    @property
+    def idle(self) -> bool:
+        """Whether rest or "something else" is likelier than a movement of the vocabulary."""
+        return self.rest >= 0.5 or self.unlearned > 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class MovementDecision:
+    """Label or ABSTAIN, begin of the movement, time of decision; the end when it is known.
+
+    revises: the label that `label` replaced; None while the first one stands. revisions: how many there were.
+    repetitions: of a periodic movement so far.
+    """
+
+    label: str
+    began_ns: int
+    decided_ns: int
+    ended_ns: int | None = None
+    stage: VerdictStage = "decided"
+    revises: str | None = None
+    revisions: int = 0
+    repetitions: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MovementProgress:
+    """A movement that has not ended: when it began, and the decision, if there is one.
+
+    carried: the label that observers held before it began; "*": any may be. early: it began before each observer had.
+    outage_ns: when it was seen last before an outage that may have hidden its end.
+    """
+
+    began_ns: int
+    decision: MovementDecision | None = None
+    carried: str | None = None
+    early: bool = False
+    outage_ns: int | None = None
+
+
+class HeldLabel(NamedTuple):
+    """A label that is likely enough: since when, until when, and since when the quorum votes for it without a break."""
+
+    label: str
+    since_ns: int
+    last_ns: int
+    agreed_ns: int | None
+
+
+class Quiet(NamedTuple):
+    """A time in which the movement is not seen: since when, and since when that is beyond doubt."""
+
+    since_ns: int
+    clear_ns: int | None
+
+
+class Heard(NamedTuple):
+    """The newest capture time of a posterior, and the time of the step that ended the last outage; None: none yet."""
+
+    until_ns: int
+    since_ns: int | None = None
+
+
+class Start(NamedTuple):
+    """The wait for observers at the start of a scene: at most so long, after the first posterior at `since_ns`."""
+
+    grace_ns: int
+    since_ns: int | None = None
+
+    def after(self, state: PooledState) -> "Start | None":
+        """The wait after a step; None: it is over for good."""
+        since_ns = state.at_ns if self.since_ns is None or state.at_ns < self.since_ns else self.since_ns
+        is_over = state.complete or state.at_ns - since_ns >= self.grace_ns
+        return None if is_over else Start(self.grace_ns, since_ns)
+
+
+class Pause(NamedTuple):
+    """How long a periodic movement may rest, or be something else, before it has ended; ns."""
+
+    rest_ns: float
+    else_ns: float
+
+
+def pauses_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Pause]:
+    """The pauses of the labels that are periodic, by the scene file or else by their takes.
+
+    While an observer counts its repetitions, a movement goes on: for the shortest rest between two takes, and for
+    PERIODS without a turn.
+    """
+    times, hold_ns = vocabulary.movements, config.hold_s * SECOND_NS
+    labels = vocabulary.periods if config.periodic is None else config.periodic
+    pauses = {}
+    for label in labels:
+        known = times.get(label, NO_TIMES)
+        rest_s = PAUSE_S if known.rest_s is None else known.rest_s
+        turn_s = known.shortest_s or 0.0 if known.period_s is None else PERIODS * known.period_s
+        rest_ns = max(rest_s * SECOND_NS, hold_ns)
+        pauses[label] = Pause(rest_ns, max(rest_ns, turn_s * SECOND_NS, 2 * hold_ns))
+    return pauses
+
+
+def missing_of(posteriors: Iterable[AgedPosterior]) -> list[str]:
+    """The observers of the roster that have sent nothing yet."""
+    return [each.observer for each in posteriors if each.age_s is None and each.state == "silent"]
+
+
+def repetitions_of(label: str, votes: Iterable[Vote]) -> int | None:
+    """How often `label` has been done so far: the median of the counts of the observers that vote for it."""
+    counts = [vote.repetitions for vote in votes if vote.repetitions is not None and vote.label == label]
+    return floor(median(counts) + 0.5) if counts else None
+
+
+def last_capture_ns(judgement: JudgementMessage) -> int:
+    """The capture time of the newest posterior of the service that sent a judgement, by its votes; 0 without one.
+
+    A service that has just started, and has no posterior yet, goes on judging the movement that it continues.
+    """
+    if judgement.agreement.n:
+        return judgement.at_ns
+    ages_s = [vote.age_s for vote in judgement.votes.values() if vote.age_s is not None]
+    return judgement.at_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else 0
