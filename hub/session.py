@@ -12,8 +12,8 @@ from common.inbox import Inbox
 from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
+from common.same_movement import SameMovement
 from common.wire import BadMessage, check_vocabulary, decode_from
-from hub.same_movement import SameMovement
 from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole
 
 if TYPE_CHECKING:
@@ -135,8 +135,11 @@ def _ingest(
     if isinstance(message, VerdictMessage):
         if not (answered or filters.services.knows(message)):
             return SceneUpdate(state.reject())
-        message = message if filters.same.passes(message) else None
-    elif isinstance(message, JudgementMessage) or (isinstance(message, StatusMessage) and role == "fusion"):
+        message = filters.same.take(message)
+    elif isinstance(message, JudgementMessage):
+        filters.services.hear(message)
+        message = filters.same.judged(message)
+    elif isinstance(message, StatusMessage) and role == "fusion":
         filters.services.hear(message)
     if message is None:
         return SceneUpdate(state, answered=answered)

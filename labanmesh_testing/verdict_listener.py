@@ -6,6 +6,7 @@ from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, TypeVar
 
 from common.messages import JudgementMessage, VerdictMessage
+from common.same_movement import SameMovement
 from common.wire import BadMessage, decode
 from labanmesh_testing.mesh import running
 
@@ -30,6 +31,7 @@ class VerdictListener:
         self.judgement: JudgementMessage | None = None
         self._fault: Exception | None = None
         self._callbacks: list[Callable[[VerdictMessage], object]] = []
+        self._same = SameMovement()
         self._changed, self._keys = threading.Condition(), keys
         # One inbox for both, so that a verdict precedes the judgement that shows it.
         self._inbox = link.inbox(keys.verdict, keys.judgement)
@@ -95,13 +97,15 @@ class VerdictListener:
             for arrival in self._inbox.take(TAKE_S):
                 with suppress(BadMessage):
                     if arrival.key == self._keys.verdict:
-                        self._add(decode(VerdictMessage, arrival.payload))
+                        self._add(self._same.take(decode(VerdictMessage, arrival.payload)))
                     else:
-                        self.judgement = decode(JudgementMessage, arrival.payload)
+                        self.judgement = self._same.judged(decode(JudgementMessage, arrival.payload))
             with self._changed:
                 self._changed.notify_all()
 
-    def _add(self, verdict: VerdictMessage) -> None:
+    def _add(self, verdict: VerdictMessage | None) -> None:
+        if verdict is None:
+            return
         try:
             for callback in tuple(self._callbacks):
                 callback(verdict)

@@ -17,6 +17,7 @@ from common.errors import LabanmeshError, reason_of
 from common.inbox import Inbox
 from common.judging_services import JudgingServices
 from common.messages import StatusMessage, VerdictMessage
+from common.same_movement import SameMovement
 from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import BadMessage, decode_from
@@ -35,7 +36,7 @@ CLIPS_WAITING = 8
 PENDING_LIMIT = 64
 """Verdicts whose clips are not over: a clip lasts a minute at most, and nobody does a movement each second."""
 VERDICTS_KNOWN = 256
-"""So many verdicts are remembered, because two fusion services may publish one."""
+"""So many verdicts are remembered."""
 CLEAN_S = 600.0
 """Interval at which old clips are deleted also when nothing happens."""
 END_S = 5.0
@@ -85,7 +86,7 @@ class VerdictClips:
         self._before_ns, self._after_ns = (round(each * SECOND_NS) for each in seconds)
         self._pictures: deque[_Picture] = deque(maxlen=round(sum(seconds) * CLIP_HZ) + 2)
         self._next_ns = 0
-        self._known: OrderedDict[str, None] = OrderedDict()
+        self._same, self._known = SameMovement(), OrderedDict[str, None]()
         self._pending: dict[str, _DecidedVerdict] = {}
         self._writer = _ClipWriter(folder, clock)
 
@@ -114,24 +115,27 @@ class VerdictClips:
             try:
                 if arrival.key.endswith("/status"):
                     self._services.hear(decode_from(arrival.key, StatusMessage, arrival.payload))
-                else:
-                    verdict = decode_from(arrival.key, VerdictMessage, arrival.payload)
-                    self._note(verdict, arrival.arrived_ns)
+                    continue
+                verdict = decode_from(arrival.key, VerdictMessage, arrival.payload)
             except BadMessage:
                 continue  # the hubs and the fusion service count and report these
+            self._note(verdict, arrival.arrived_ns)
         for verdict_id, pending in tuple(self._pending.items()):
             if now_ns - pending.decided_ns >= self._after_ns:
                 self._complete(verdict_id)
 
-    def _note(self, verdict: VerdictMessage, arrived_ns: int) -> None:
+    def _note(self, judged: VerdictMessage, arrived_ns: int) -> None:
         vocabulary = self._vocabulary()
-        is_known = vocabulary is not None and verdict.label in (ABSTAIN, *vocabulary.labels)
-        is_ours = is_known and self._services.knows(verdict)
+        is_known = vocabulary is not None and judged.label in (ABSTAIN, *vocabulary.labels)
+        if not (is_known and self._services.knows(judged)):
+            self._leave_out()
+            return
+        verdict = self._same.take(judged)
+        if verdict is None:
+            return
         is_new = verdict.id not in self._known and verdict.id not in self._pending
-        if not is_ours or (is_new and len(self._pending) >= PENDING_LIMIT):
-            if not self.left_out:
-                log.warning("%s: no clips of verdicts that are of none of its movements, or nobody's", self._observer)
-            self.left_out += 1
+        if is_new and len(self._pending) >= PENDING_LIMIT:
+            self._leave_out()
             return
         if verdict.id in self._pending and verdict.label != ABSTAIN:
             self._pending[verdict.id] = replace(self._pending[verdict.id], label=verdict.label)
@@ -141,6 +145,11 @@ class VerdictClips:
         if len(self._known) > VERDICTS_KNOWN:
             self._known.popitem(last=False)
         self._pending[verdict.id] = _DecidedVerdict(verdict.label, arrived_ns)
+
+    def _leave_out(self) -> None:
+        if not self.left_out:
+            log.warning("%s: no clips of verdicts that are of none of its movements, or nobody's", self._observer)
+        self.left_out += 1
 
     def _complete(self, verdict_id: str) -> None:
         pending = self._pending.pop(verdict_id)

@@ -1,0 +1,118 @@
+"""One id for each movement at a listener (docs/reference/wire.md, "One movement, one name"). Pure.
+
+Where a network is split, or two fusion services take over from each other, both may judge one movement, each under an
+id of its own.
+
+1. Two verdicts of different services, or of two runs of one, that have the same label and overlap by half of the
+   shorter time or more are about one movement. Its time is from its begin to its end, or, while it goes on, to the
+   newest message that shows it.
+2. A listener keeps the id that it knew first. Under that it takes the end, whichever service says it first, and
+   ignores everything else about the other id.
+3. The service that stands down ends its movement with `same_as`, the other's id. A listener that knew the movement
+   takes that message for its end, and ignores later ones about the other id. One that did not, or knows the end
+   already, ignores it.
+4. Of two equal messages the second is ignored: what may have been lost is sent again.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from common.messages import JudgementMessage, VerdictMessage
+
+LIMIT = 64
+"""Movements that are remembered."""
+
+
+def is_same_movement(label: str, span: tuple[int, int], other_label: str, other_span: tuple[int, int]) -> bool:
+    """Whether two verdicts are about one movement (rule 1). Spans: begin and end, ns."""
+    shared_ns = min(span[1], other_span[1]) - max(span[0], other_span[0])
+    shorter_ns = min(span[1] - span[0], other_span[1] - other_span[0])
+    return label == other_label and shared_ns >= 0 and 2 * shared_ns >= shorter_ns
+
+
+def span_of(verdict: VerdictMessage) -> tuple[int, int]:
+    """Begin, and end or, while the movement goes on, the time of the verdict, ns."""
+    return verdict.began_ns, verdict.at_ns if verdict.ended_ns is None else verdict.ended_ns
+
+
+@dataclass(slots=True)
+class _Known:
+    """A movement as the listener knows it: its last message, and until when it went on, as far as is known."""
+
+    verdict: VerdictMessage
+    until_ns: int
+    has_ended: bool = False
+
+
+class SameMovement:
+    """Remembers which movements a listener knows; `take` tells which verdicts it has to take, and under which id."""
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[str, _Known] = OrderedDict()
+        self._first_ids: OrderedDict[str, str] = OrderedDict()
+
+    def take(self, verdict: VerdictMessage) -> VerdictMessage | None:
+        """The verdict as the listener takes it, under the id that it knows; None: it is to be ignored."""
+        known = self._known.get(verdict.id)
+        if verdict.same_as is not None:
+            return self._closed(verdict, known)
+        if known is None and verdict.id not in self._first_ids:
+            self._compare(verdict)
+        first_id = self._first_ids.get(verdict.id)
+        if first_id is not None:
+            return self._ended_by_other(verdict, self._known.get(first_id))
+        if known is None:
+            known = self._known[verdict.id] = _Known(verdict, 0)
+            _forget(self._known)
+        elif (known.verdict.stage, known.verdict.label) == (verdict.stage, verdict.label):
+            return None
+        known.verdict, known.has_ended = verdict, known.has_ended or verdict.ended_ns is not None
+        known.until_ns = max(known.until_ns, span_of(verdict)[1])
+        return verdict
+
+    def judged(self, judgement: JudgementMessage) -> JudgementMessage:
+        """The judgement with the id that the listener knows; its movement goes on."""
+        movement = judgement.movement
+        if movement is None:
+            return judgement
+        first_id = self._first_ids.get(movement.id, movement.id)
+        known = self._known.get(first_id)
+        if known is not None and not known.has_ended:
+            known.until_ns = max(known.until_ns, judgement.at_ns)
+        if first_id == movement.id or known is None:
+            return judgement
+        return judgement.model_copy(update={"movement": movement.model_copy(update={"id": first_id})})
+
+    def _compare(self, verdict: VerdictMessage) -> None:
+        """Note under which id the movement of a new one is known, if it is (rule 1)."""
+        for first_id, known in reversed(self._known.items()):
+            own = known.verdict
+            if (own.fusion, own.session) == (verdict.fusion, verdict.session):
+                continue
+            if is_same_movement(own.label, (own.began_ns, known.until_ns), verdict.label, span_of(verdict)):
+                self._first_ids[verdict.id] = first_id
+                _forget(self._first_ids)
+                return
+
+    def _ended_by_other(self, verdict: VerdictMessage, known: _Known | None) -> VerdictMessage | None:
+        """The end of a movement that is known by another id (rule 2)."""
+        if known is None or known.has_ended or verdict.ended_ns is None or verdict.label != known.verdict.label:
+            return None
+        known.has_ended, own = True, known.verdict
+        known.verdict = verdict.model_copy(update={"id": own.id, "began_ns": own.began_ns, "revises": own.revises})
+        return known.verdict
+
+    def _closed(self, verdict: VerdictMessage, known: _Known | None) -> VerdictMessage | None:
+        """The end with `same_as` (rule 3)."""
+        if known is None or known.has_ended:
+            return None
+        known.verdict, known.has_ended = verdict, True
+        if verdict.same_as and verdict.same_as not in self._known:
+            self._first_ids[verdict.same_as] = verdict.id
+            _forget(self._first_ids)
+        return verdict
+
+
+def _forget(known: OrderedDict[str, _Known] | OrderedDict[str, str]) -> None:
+    if len(known) > LIMIT:
+        known.popitem(last=False)
