@@ -56,9 +56,7 @@ class SameMovement:
         known = self._known.get(verdict.id)
         if verdict.same_as is not None:
             return self._closed(verdict, known)
-        if known is None and verdict.id not in self._first_ids:
-            self._compare(verdict)
-        first_id = self._first_ids.get(verdict.id)
+        first_id = self.first_id(verdict)
         if first_id is not None:
             return self._ended_by_other(verdict, self._known.get(first_id))
         if known is None:
@@ -69,6 +67,12 @@ class SameMovement:
         known.verdict, known.has_ended = verdict, known.has_ended or verdict.ended_ns is not None
         known.until_ns = max(known.until_ns, span_of(verdict)[1])
         return verdict
+
+    def first_id(self, verdict: VerdictMessage) -> str | None:
+        """The id by which the movement of a verdict is known, if it is another one (rule 1)."""
+        if verdict.id not in self._known and verdict.id not in self._first_ids:
+            self._compare(verdict)
+        return self._first_ids.get(verdict.id)
 
     def judged(self, judgement: JudgementMessage) -> JudgementMessage:
         """The judgement with the id that the listener knows; its movement goes on."""

@@ -14,6 +14,7 @@ from common.subsession import Publisher, SubSession
 from common.wire import encode
 from fusion.checkpoint import Checkpoint, CheckpointFile, unfinished
 from fusion.engine.engine import FusionEngine
+from fusion.reconciliation import SharedMovements
 
 log = logging.getLogger("labanmesh.fusion")
 VERDICTS_LIMIT = 10
@@ -95,6 +96,8 @@ class VerdictPublisher:
         self._judgement_payload: bytes | None = None
         self._verdict_payloads: tuple[bytes, ...] = ()
         self._published: deque[tuple[str, str, int]] = deque(maxlen=PUBLISHED_LIMIT)
+        self.shared = SharedMovements()
+        """What this service has published, or an owner that it followed."""
         self._sent: deque[_Sent] = deque(maxlen=VERDICTS_LIMIT)
         self.answers = False
         """Whether queries are answered: by the owner alone."""
@@ -153,6 +156,7 @@ class VerdictPublisher:
 
     def _note(self, message: JudgementMessage) -> bytes:
         payload = encode(message, self._full_votes)
+        self.shared.record(message)
         if isinstance(message, VerdictMessage):
             self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_LIMIT:]
             self._last_verdict = message

@@ -8,10 +8,16 @@ receive each other again:
 2. If the owner's judgements show another decided movement, or have not shown this one for ADOPTION_TIMEOUT_S, the
    service that stood down publishes the end of its movement with `same_as`. So each id has an end, and a listener knows
    which two ids are one movement.
+3. Movements may be over when the services meet, judged by both. What the other one published meanwhile arrives late: it
+   sends again what may be lost (publisher.py). The owner then says once, for each such movement, that its id and the
+   owner's are one (SharedMovements), by the rule of common/same_movement.py.
 """
+
+from collections import deque
 
 from common import SECOND_NS
 from common.messages import JudgementMessage, VerdictMessage
+from common.same_movement import LIMIT, SameMovement
 
 ADOPTION_TIMEOUT_S = 0.5
 REPEAT_S = 0.15
@@ -54,3 +60,26 @@ class UnreconciledMovement:
             return None
         self.is_reconciled = True
         return self._owners_movement
+
+
+class SharedMovements:
+    """The movements that this service has judged or followed, to compare with verdicts of another one."""
+
+    def __init__(self) -> None:
+        self._same, self._named = SameMovement(), deque[str](maxlen=LIMIT)
+
+    def record(self, message: JudgementMessage) -> None:
+        """Take a message that this service has published, or that an owner did which it followed."""
+        if isinstance(message, VerdictMessage):
+            self._same.take(message)
+        else:
+            self._same.judged(message)
+
+    def same_as(self, verdict: VerdictMessage) -> str | None:
+        """The owner's id of a movement whose end another service has published; None: it has none, or it was said."""
+        if verdict.ended_ns is None or verdict.same_as is not None or verdict.id in self._named:
+            return None
+        first_id = self._same.first_id(verdict)
+        if first_id is not None:
+            self._named.append(verdict.id)
+        return first_id

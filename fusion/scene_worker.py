@@ -226,7 +226,10 @@ class SceneWorker:
         return self._unreconciled is None
 
     def adopt(self, message: JudgementMessage) -> None:
-        """Continue the movement of a service that stands down, if this one has nothing better."""
+        """Continue the movement of a service that stands down, if this one has none; say which are the same."""
+        if isinstance(message, VerdictMessage) and (same_as := self._publisher.shared.same_as(message)) is not None:
+            ended_ns = message.ended_ns or message.decided_ns
+            self._publisher.close(self._engine.close(message, ended_ns, self._clock(), same_as))
         movement = message.movement
         if movement is not None and not self._publisher.knows(movement.id) and self._engine.adopt(message):
             log.info("%s: goes on with %s of %s", self._scene.scene, movement.id, message.fusion)
@@ -260,8 +263,11 @@ class SceneWorker:
         self._withheld.clear()
         if self._unreconciled is not None:
             self._unreconciled.record_message(message)
-        if isinstance(message, VerdictMessage) and self._publisher.has_published(message):
-            # The owner repeats it, because it may have been lost: another movement may be in progress.
+        if isinstance(message, VerdictMessage) and (
+            self._publisher.has_published(message) or message.same_as is not None
+        ):
+            # The owner repeats it, because it may have been lost, or says which ids are one movement: another movement
+            # may be in progress.
             return
         self._engine.continue_from(message)
         self._publisher.remember(message)

@@ -8,11 +8,11 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.messages import OngoingMovement
+from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
 from fusion.publisher import DETECTION_S, RECONNECTION_S, Reachability
-from fusion.reconciliation import UnreconciledMovement
+from fusion.reconciliation import SharedMovements, UnreconciledMovement
 
 AT_NS = 1_000 * SECOND_NS
 NAMES = Vocabulary(("bow", "lunge"))
@@ -86,3 +86,16 @@ def test_a_verdict_sent_while_the_router_was_frozen_is_sent_again(frozen_s, is_s
         assert reachable.update(True, heard_s, now_s), "judgements go on"
         since.append(reachable.lost_from(now_s))
     assert [at_s for at_s in since if at_s < math.inf] == ([1.0 - DETECTION_S] if is_sent_again else [])
+
+
+def test_the_owner_says_once_of_each_movement_that_has_ended_under_which_id_it_has_judged_it():
+    fields = {name: getattr(judged(), name) for name in JudgementMessage.model_fields}
+    span = {"began_ns": AT_NS, "decided_ns": AT_NS + 3, "ended_ns": AT_NS + 10, "stage": "ended"}
+    own = VerdictMessage(**{**fields, **span, "id": "dojo-1", "label": "bow"})
+    other = own.model_copy(update={"id": "dojo-2", "fusion": "a", "began_ns": AT_NS + 4})
+    shared = SharedMovements()
+    assert shared.same_as(other) is None
+    shared.record(own)
+    later = other.model_copy(update={"id": "dojo-3", "began_ns": AT_NS + 20, "ended_ns": AT_NS + 30})
+    unended = other.model_copy(update={"ended_ns": None, "stage": "decided", "at_ns": AT_NS + 8})
+    assert [shared.same_as(v) for v in (unended, other, other, own, later)] == [None, "dojo-1", None, None, None]

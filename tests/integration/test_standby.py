@@ -399,6 +399,29 @@ def test_after_a_split_the_owner_goes_on_with_the_movement_of_the_service_that_s
     assert all(j.movement is None for j in stage.judgements(lambda j: j.seq > last.seq + 20) if j.fusion == "a")
 
 
+def test_after_a_split_the_owner_says_once_which_ids_were_one_movement_that_has_ended(stage, rival):
+    stage.play("a")
+    stage.decide()
+    stage.state = REST
+    ended = stage.verdicts(lambda v: v.ended_ns is not None)[-1]
+    judgement = stage.judgement(lambda j: j.fusion == "a" and j.movement is None)
+    rival(judgement, 0, None)
+    publisher = stage.mesh.peer("verdicts").publisher(stage.keys.verdict)
+    fields = {"fusion": "b", "session": "rival", "epoch": 0}
+    others = [ended.model_copy(update={**fields, "id": f"dojo-{n}", "label": n}) for n in ("lunging", "bowing")]
+
+    def repeat(stop):
+        while not stop.wait(0.02):
+            for other in others:
+                publisher.put(encode(other))
+
+    stage.mesh.run(repeat)
+    same = stage.verdicts(lambda v: v.same_as is not None)
+    same += [*stage.verdicts(), *stage.verdicts()]
+    said = [(v.id, v.same_as, v.fusion, v.ended_ns) for v in same if v.same_as is not None]
+    assert said == [("dojo-bowing", ended.id, "a", ended.ended_ns)]
+
+
 def test_of_two_processes_with_one_id_that_stand_by_one_ends_before_it_is_too_late(stage, monkeypatch):
     monkeypatch.setattr("fusion.server.id_is_free", lambda *_: True)
     monkeypatch.setattr("fusion.same_id_detection.ASK_EVERY_S", 0.05)
