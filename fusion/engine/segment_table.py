@@ -19,18 +19,18 @@ class State(Enum):
     PASSED = "decided, and something else, or an outage, was since"
     UNSEEN = "decided at rest, or by another service, and not seen since"
     ENDING = "decided, and the person has come to rest"
-    SETTLED = "decided at rest"
+    SETTLED = "decided or revised at rest"
 
 
 class Event(Enum):
     """What a step shows; the condition of each is in segment_conditions.py, `GUARDS`."""
 
     MOVES = "a movement is likelier than rest and something else"
-    MOVES_AGAIN = "no rest any more"
-    RESTS = "rest"
-    NAMED = "a label is held"
-    RESTED = "rest for long enough"
-    MISSED = "not seen for long enough, without rest"
+    MOVES_AGAIN = "the rest is over"
+    RESTS = "the person is at rest"
+    NAMED = "a label may be decided"
+    RESTED = "rest has lasted for long enough"
+    MISSED = "without rest, it has not been seen for long enough"
     SEEN = "its label is likeliest"
     CONFIRMED = "its label is held again after an outage"
     LEFT = "something else is likelier"
