@@ -40,9 +40,8 @@ from common.errors import LabanmeshError
 from common.keys import SceneKeys
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage
-from common.posterior_decoder import PosteriorDecoder
 from common.probability import uniform
-from common.wire import encode
+from common.wire import decode_from, encode
 from fusion.engine.rules import RULES
 from studies.fusion_engine import FusionEngine
 
@@ -80,10 +79,10 @@ def _step_rows(facets: int, rounds: int, batch_s: float) -> Iterator[BenchmarkRo
         return summed
 
     keys = SceneKeys(scene_of(OBSERVERS).scene)
-    decoders = [PosteriorDecoder(keys.posterior(f"cam{n + 1}")) for n in range(OBSERVERS)]
+    places = [keys.posterior(f"cam{n + 1}") for n in range(OBSERVERS)]
 
     def judged_bytes(engine: FusionEngine, now_ns: int, own: Sequence[bytes]) -> bytes:
-        messages = [decoder.decode(payload) for decoder, payload in zip(decoders, own, strict=True)]
+        messages = [decode_from(key, PosteriorMessage, payload) for key, payload in zip(places, own, strict=True)]
         return encode(_judgement(engine, now_ns, messages))
 
     name = f"fusion step, {OBSERVERS} observers, {facets or 'no'} facets"

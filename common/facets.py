@@ -29,25 +29,39 @@ SHAPE: Mapping[str, tuple[str, str, str]] = {
 FACETS: Mapping[str, tuple[str, ...]] = {**EFFORT, **SHAPE}
 
 
+class NotADistribution(ValueError):  # noqa: N818 - it names what the values are not
+    """Probabilities that do not sum to 1, or one outside 0 to 1."""
+
+
 def check_facets(facets: Mapping[str, Sequence[float]]) -> None:
     """Check name -> probabilities of the values; raises ValueError that names the facet and the rule.
 
-    There are at most FACETS_LIMIT facets of at most VALUES_LIMIT values, a known facet has exactly its values, and each
-    sums to 1.
+    As `check_facet_names`, and each facet sums to 1.
+    """
+    check_facet_names(facets)
+    for name, p in facets.items():
+        require_sum(f"facet {name}", p)
+
+
+def check_facet_names(facets: Mapping[str, Sequence[float]]) -> None:
+    """Check name -> values; raises ValueError that names the facet and the rule.
+
+    There are at most FACETS_LIMIT facets of at most VALUES_LIMIT values, and a known facet has exactly its values.
     """
     if len(facets) > FACETS_LIMIT:
         raise ValueError(f"{len(facets)} facets; at most {FACETS_LIMIT} are allowed")
     for name, p in facets.items():
-        if not NAME.match(name):
+        known = FACETS.get(name)
+        if known is not None:
+            if len(p) != len(known):
+                raise ValueError(f"facet {name} has {len(p)} values; it has {len(known)}: {', '.join(known)}")
+        elif not NAME.match(name):
             raise ValueError(f"facet {name[:64]!r}: a name is 1 to 64 characters of a-z, 0-9, _ and -")
-        if len(p) > VALUES_LIMIT:
+        elif len(p) > VALUES_LIMIT:
             raise ValueError(f"facet {name} has {len(p)} values; at most {VALUES_LIMIT} are allowed")
-        if name in FACETS and len(p) != len(FACETS[name]):
-            raise ValueError(f"facet {name} has {len(p)} values; it has {len(FACETS[name])}: {', '.join(FACETS[name])}")
-        require_sum(f"facet {name}", p)
 
 
 def require_sum(name: str, p: Sequence[float]) -> None:
-    """Raises ValueError that names the distribution `name` unless `p` sums to 1 within SUM_TOLERANCE."""
-    if abs(sum(p) - 1) > SUM_TOLERANCE:
-        raise ValueError(f"{name} sums to {sum(p):.6g}, not to 1")
+    """Raises NotADistribution that names the distribution `name` unless `p` sums to 1 within SUM_TOLERANCE."""
+    if not abs(sum(p) - 1) <= SUM_TOLERANCE:
+        raise NotADistribution(f"{name} sums to {sum(p):.6g}, not to 1")

@@ -2,8 +2,10 @@
 
 from typing import Any
 
+from msgspec import to_builtins
+
 from common.message_types import MessagePart
-from common.messages import JudgementMessage, Message, PosteriorMessage, VerdictMessage
+from common.messages import AnyMessage, JudgementMessage, PosteriorMessage, VerdictMessage
 
 SENT_AS_NULL = frozenset({"ended_ns"})
 """Fields whose None is information (the movement has not ended) and is sent as null."""
@@ -17,11 +19,12 @@ SELDOM_SENT = (
 """Fields of a full vote, and of a movement's durations, that are left out where they are null."""
 
 
-def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
+def fields_of(message: AnyMessage, short: bool = False) -> dict[str, Any]:
     """What is sent of `message`; its parts are still objects. short: a judgement with short votes."""
     if isinstance(message, PosteriorMessage):
         # The most frequent message: fields with their default value are omitted too.
-        return {"v": message.v, **message.model_dump(exclude_defaults=True)}
+        fields: dict[str, Any] = to_builtins(message, enc_hook=part_of)
+        return fields
     values = vars(message)
     fields = {name: value for name, value in values.items() if value is not None or name in SENT_AS_NULL}
     if not fields.get("movements", True):
@@ -55,7 +58,7 @@ def _short_vote(values: dict[str, Any]) -> dict[str, Any]:
     return fields
 
 
-def is_short(message: Message) -> bool:
+def is_short(message: AnyMessage) -> bool:
     """Whether it is a judgement whose votes have `root_p`."""
     # A verdict, one per movement, has full votes.
     if not isinstance(message, JudgementMessage) or isinstance(message, VerdictMessage):

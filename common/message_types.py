@@ -28,6 +28,10 @@ PARTS_LIMIT = 256
 LABEL_LIMIT: Final = 64
 """Characters of a label, as `common.vocabulary.LABEL` has it."""
 LAST_INTEGER: Final = 2**63 - 1
+SURPRISE_LIMIT: Final = 255
+"""The largest surprise in a message: P = e^-32."""
+FACINGS_LIMIT: Final = 72
+"""Directions of a facing: 5 degrees apart."""
 ROOT_LIMIT: Final = 255
 """The root of a probability of 1 in a message."""
 
@@ -87,27 +91,21 @@ class MessagePart(BaseModel):
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
-class Facing(MessagePart):
-    """The direction that the person faces in the room's frame, given each movement: P(facing | movement).
+def require_table(surprise: Sequence[Sequence[int]]) -> None:
+    """Raises ValueError unless the rows of a facing have one length, 1 to FACINGS_LIMIT."""
+    if len({len(row) for row in surprise}) != 1 or not 1 <= len(surprise[0]) <= FACINGS_LIMIT:
+        raise ValueError(f"surprise has rows of different lengths, or not 1 to {FACINGS_LIMIT} facings")
 
-    surprise: (M, K) integers from 0 to 255, -8 ln P(facing k | movement m) rounded (`common.probability` converts).
-    Facing k is turned to the left by k * 360/K degrees from the direction in which recordings face the Door.
-    """
 
-    surprise: list[list[Annotated[int, Field(ge=0, le=255)]]] = Field(min_length=2, max_length=LABELS_LIMIT)
+class VotedFacing(MessagePart):
+    """The facing of an observer's posterior (common/posterior.py), in its vote."""
+
+    surprise: list[list[Annotated[int, Field(ge=0, le=SURPRISE_LIMIT)]]] = Field(min_length=2, max_length=LABELS_LIMIT)
 
     @model_validator(mode="after")
-    def _is_table(self) -> "Facing":
-        if len({len(row) for row in self.surprise}) != 1 or not 1 <= len(self.surprise[0]) <= 72:
-            raise ValueError("surprise has rows of different lengths, or not 1 to 72 facings")
+    def _is_table(self) -> "VotedFacing":
+        require_table(self.surprise)
         return self
-
-
-class VocabularyHash(MessagePart):
-    """The vocabulary of a probability vector: the hash identifies it; the name is for people and optional."""
-
-    name: ShortText = ""
-    hash: Id
 
 
 class MovementTimes(MessagePart):

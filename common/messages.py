@@ -12,10 +12,8 @@ from typing import Annotated, ClassVar, Final, Literal
 from pydantic import Field, FiniteFloat, model_validator
 
 from common.errors import BadInput
-from common.facets import check_facets, require_sum
 from common.message_types import (
     LABELS_LIMIT,
-    PARTS_LIMIT,
     Bits,
     BodyRegionShares,
     Count,
@@ -30,11 +28,13 @@ from common.message_types import (
     Roots,
     ShortText,
     Time,
+    VotedFacing,
     p_of_roots,
 )  # fmt: skip
-from common.message_types import Facing as Facing
 from common.message_types import MessagePart as MessagePart
-from common.message_types import VocabularyHash as VocabularyHash
+from common.posterior import Facing as Facing
+from common.posterior import PosteriorMessage as PosteriorMessage
+from common.posterior import VocabularyHash as VocabularyHash
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
@@ -46,63 +46,20 @@ VerdictStage = Literal["decided", "revised", "ended"]
 
 
 class Message(MessagePart):
-    """The base of all messages, with the schema version."""
+    """The base of all messages but the posterior, with the schema version."""
 
     VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)  # those that can be decoded
     v: Literal[1] = SCHEMA_VERSION
 
 
-class VocabularyReference(VocabularyHash):
+AnyMessage = Message | PosteriorMessage
+
+
+class VocabularyReference(MessagePart):
     """The vocabulary of a probability vector: the hash identifies it, the name is for people."""
 
     name: ShortText
-
-
-class PosteriorMessage(Message):
-    """The posterior of one observer: `p` over the vocabulary's movements, cumulative since the movement began.
-
-    `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
-    `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic. In version
-    2 `scene` and `observer` may be omitted, because the key carries them.
-    """
-
-    VERSIONS: ClassVar[tuple[int, ...]] = (1, 2)
-    v: Literal[1, 2] = SCHEMA_VERSION  # type: ignore[assignment]
-    scene: Identifier | None = None
-    observer: Identifier | None = None
-    seq: Count
-    session: Id
-    captured_ns: Time
-    sent_ns: Time
-    vocabulary: VocabularyHash
-    p: Probabilities = Field(min_length=2, max_length=LABELS_LIMIT)
-    prior: Probabilities | None = None
-    rest: Probability | None = None
-    unlearned: Probability | None = None
-    frames: Count
-    visible: dict[str, bool] = Field(default_factory=dict, max_length=PARTS_LIMIT)
-    facing: Facing | None = None
-    facets: dict[str, Probabilities] | None = None
-    repetitions: Repetitions | None = None
-
-    @model_validator(mode="after")
-    def _is_distribution(self) -> "PosteriorMessage":
-        if self.v == 1 and None in (self.scene, self.observer):
-            raise ValueError("scene and observer may be omitted from version 2 on; this is version 1")
-        require_sum("p", self.p)
-        if self.prior is not None:
-            require_sum("prior", self.prior)
-            if len(self.prior) != len(self.p):
-                raise ValueError(f"prior has {len(self.prior)} entries, p has {len(self.p)}")
-        if self.facing is not None and len(self.facing.surprise) != len(self.p):
-            raise ValueError(f"facing has {len(self.facing.surprise)} rows, p has {len(self.p)} entries")
-        if self.facets:
-            check_facets(self.facets)
-        return self
-
-    def is_of(self, scene: str, observer: str) -> bool:
-        """Whether the message's own `scene` and `observer`, where present, agree with those of its key."""
-        return (self.scene or scene, self.observer or observer) == (scene, observer)
+    hash: Id
 
 
 class Vote(MessagePart):
@@ -124,7 +81,7 @@ class Vote(MessagePart):
     rest: Probability | None = None
     skew_s: FiniteFloat | None = None
     unlearned: Probability | None = None
-    facing: Facing | None = None
+    facing: VotedFacing | None = None
     facets: dict[str, Probabilities] | None = None
     reliability: Probability | None = None
     rest_reliability: Probability | None = None

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from common.message_types import ROOT_LIMIT
+from common.message_types import ROOT_LIMIT, SURPRISE_LIMIT
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -20,8 +20,6 @@ _ROOT_LIMIT, _HALF = np.array(float(ROOT_LIMIT)), np.array(0.5)
 """Beside an array NumPy takes arrays of no dimension in two thirds of the time of a Python number."""
 SURPRISE_UNIT = 8.0
 """Surprise is -8 ln P: one unit is a factor of 0.88, precise enough to be multiplied."""
-SURPRISE_LIMIT = 255
-"""The largest surprise in a message: P = e^-32."""
 
 
 def uniform(size: int) -> Floats:

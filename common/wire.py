@@ -1,4 +1,4 @@
-"""Messages to bytes and back: the only file that imports MessagePack (docs/reference/wire.md). Pure.
+"""Messages to bytes and back: the only file that knows MessagePack (docs/reference/wire.md). Pure.
 
 1. A message is one map with string keys. A field that is None is omitted, except a verdict's `ended_ns`, which is null
    while the movement goes on, and the fields of a vote that is not short.
@@ -10,14 +10,17 @@
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import msgpack
+import msgspec
 from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
+from common.facets import NotADistribution
 from common.keys import observer_of, scene_of
 from common.message_fields import fields_of, is_short, leave_out, part_of
 from common.message_types import LAST_INTEGER
 from common.messages import (
     Agreement,
+    AnyMessage,
     JudgementMessage,
     Message,
     OngoingMovement,
@@ -28,6 +31,7 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
+from common.posterior import NotFinite
 from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 
@@ -60,7 +64,8 @@ Reason = Literal[
     "too_large", "not_msgpack", "not_a_map", "wrong_version", "not_finite", "not_a_distribution", "malformed",
     "wrong_key", "foreign_vocabulary", "wrong_length",
 ]  # fmt: skip
-M = TypeVar("M", bound=Message)
+M = TypeVar("M", bound=AnyMessage)
+_POSTERIOR = msgspec.msgpack.Decoder(PosteriorMessage)
 
 
 class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose fault it is
@@ -74,7 +79,7 @@ class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose 
         super().__init__(f"{reason}: {self.detail}")
 
 
-def encode(message: Message, full: bool = False) -> bytes:
+def encode(message: AnyMessage, full: bool = False) -> bytes:
     """The message as one MessagePack map of at most SIZE_LIMIT bytes; posteriors in single precision.
 
     A judgement whose votes have `root_p` is short, with less in each vote and in single precision, unless it is to have
@@ -102,7 +107,9 @@ def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
 
 def decode(kind: type[M], payload: bytes) -> M:
     """The checked message of type `kind`; raises BadMessage, and nothing else, for any other bytes."""
-    return checked(kind, unpack(payload))
+    if issubclass(kind, PosteriorMessage):
+        return _decoded_posterior(payload)  # type: ignore[return-value]
+    return _checked(kind, unpack(payload))  # type: ignore[return-value]
 
 
 def decode_from(key: str, kind: type[M], payload: bytes) -> M:
@@ -112,6 +119,9 @@ def decode_from(key: str, kind: type[M], payload: bytes) -> M:
     """
     message = decode(kind, payload)
     if isinstance(message, PosteriorMessage):
+        if message.scene is message.observer is None:
+            # Most leave both to the key.
+            return message
         claimed = message.observer, message.scene
         agrees = message.is_of(scene_of(key), observer_of(key))
     elif isinstance(message, StatusMessage):
@@ -121,7 +131,7 @@ def decode_from(key: str, kind: type[M], payload: bytes) -> M:
         claimed = "", getattr(message, "scene", "")
         agrees = claimed[1] == key.rsplit("/", 2)[-2]
     if not agrees:
-        raise wrong_key(*claimed, key)
+        raise _wrong_key(*claimed, key)
     return message
 
 
@@ -150,38 +160,17 @@ def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabu
         label=label, entropy=1.0, weight=1.0, age_s=1.0, state="counted", rest=1.0, skew_s=1.0, unlearned=1.0,
         reliability=1.0,
     )  # fmt: skip
-    longest_id, movement_id = "x" * 64, "m" * 128
+    longest_id, movement_id, last = "x" * 64, "m" * 128, LAST_INTEGER
     movement = OngoingMovement(
-        id=movement_id,
-        began_ns=LAST_INTEGER,
-        label=label,
-        decided_ns=LAST_INTEGER,
-        revises=label,
-        outage_ns=LAST_INTEGER,
-    )
+        id=movement_id, began_ns=last, label=label, decided_ns=last, revises=label, outage_ns=last
+    )  # fmt: skip
     verdict = VerdictMessage(
-        scene=scene,
-        fusion=longest_id,
-        seq=LAST_INTEGER,
-        at_ns=LAST_INTEGER,
-        vocabulary=VocabularyReference(name=vocabulary.name, hash=vocabulary.digest),
-        p=[1.0] * vocabulary.size,
-        label=label,
-        certainty_bits=1.0,
-        rule=rule,
-        votes=dict.fromkeys(observers, vote),
-        agreement=Agreement(k=LAST_INTEGER, n=LAST_INTEGER),
-        unlearned=1.0,
-        facing_deg=1.0,
-        movement=movement,
-        epoch=LAST_INTEGER,
-        session=longest_id,
-        id=movement_id,
-        began_ns=LAST_INTEGER,
-        decided_ns=LAST_INTEGER,
-        ended_ns=LAST_INTEGER,
-        revises=label,
-    )
+        scene=scene, fusion=longest_id, seq=last, at_ns=last, p=[1.0] * vocabulary.size, label=label,
+        vocabulary=VocabularyReference(name=vocabulary.name, hash=vocabulary.digest), certainty_bits=1.0, rule=rule,
+        votes=dict.fromkeys(observers, vote), agreement=Agreement(k=last, n=last), unlearned=1.0, facing_deg=1.0,
+        movement=movement, epoch=last, session=longest_id, id=movement_id, began_ns=last, decided_ns=last,
+        ended_ns=last, revises=label,
+    )  # fmt: skip
     return len(_packed(fields_of(verdict), single=False))
 
 
@@ -238,9 +227,8 @@ def _packed_to_fit(fields: dict[str, Any], single: bool) -> bytes:
 
 def unpack(payload: bytes) -> dict[str, Any]:
     """The fields of a message that are not checked yet; raises BadMessage."""
+    _require_size(payload)
     size = len(payload)
-    if size > SIZE_LIMIT:
-        raise BadMessage("too_large", f"more than {SIZE_LIMIT} bytes")
     try:
         # No part may claim more than the payload holds; the schema has no extension types.
         fields = msgpack.unpackb(payload, max_str_len=size, max_array_len=size, max_map_len=size, max_ext_len=0)
@@ -254,33 +242,46 @@ def unpack(payload: bytes) -> dict[str, Any]:
     return fields
 
 
-def field_places(payload: bytes, at: int = 0) -> dict[str, int]:
-    """Where the value of each field of the map that begins `at` begins; of two equal fields the last counts."""
-    unpacker, places = msgpack.Unpacker(), {}
-    unpacker.feed(payload[at:])
-    for _ in range(unpacker.read_map_header()):
-        name = unpacker.unpack()
-        places[name] = at + unpacker.tell()
-        unpacker.skip()
-    return places
+def _require_size(payload: bytes) -> None:
+    if len(payload) > SIZE_LIMIT:
+        raise BadMessage("too_large", f"more than {SIZE_LIMIT} bytes")
 
 
-def checked(kind: type[M], fields: dict[str, Any]) -> M:
+def _checked(kind: type[Message], fields: dict[str, Any]) -> Message:
     """The message with these fields; raises BadMessage."""
-    version = fields.get("v")
-    if type(version) is not int or version not in kind.VERSIONS:
-        raise BadMessage(
-            "wrong_version", f"v = {version!r}; this version reads v = {' and '.join(map(str, kind.VERSIONS))}"
-        )
+    _require_version(kind, fields)
     try:
         # The same as `kind.model_validate`, without its wrapper.
-        message: M = kind.__pydantic_validator__.validate_python(fields, strict=True)
+        message: Message = kind.__pydantic_validator__.validate_python(fields, strict=True)
     except ValidationError as error:
         raise _bad_field(error) from None
     return message
 
 
-def wrong_key(process: str | None, scene: str | None, key: str) -> BadMessage:
+def _require_version(kind: type[AnyMessage], fields: dict[str, Any]) -> None:
+    version = fields.get("v")
+    if type(version) is not int or version not in kind.VERSIONS:
+        raise BadMessage(
+            "wrong_version", f"v = {version!r}; this version reads v = {' and '.join(map(str, kind.VERSIONS))}"
+        )
+
+
+def _decoded_posterior(payload: bytes) -> PosteriorMessage:
+    _require_size(payload)
+    try:
+        return _POSTERIOR.decode(payload)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise _bad_posterior(payload, error) from None
+
+
+def _bad_posterior(payload: bytes, error: Exception) -> BadMessage:
+    # What is no message, or of another version, is reported as for all kinds.
+    _require_version(PosteriorMessage, unpack(payload))
+    reasons: dict[type, Reason] = {NotFinite: "not_finite", NotADistribution: "not_a_distribution"}
+    return BadMessage(reasons.get(type(error.__cause__), "malformed"), str(error).replace("$.", ""))
+
+
+def _wrong_key(process: str | None, scene: str | None, key: str) -> BadMessage:
     """For a message that names another process or scene than its key."""
     return BadMessage("wrong_key", f"{' in '.join(filter(None, (process, scene)))} under {key}")
 

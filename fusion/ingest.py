@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 
 from common import MINUTE_NS
 from common.inbox import Arrival
-from common.keys import IDENTIFIER
-from common.messages import ObserverStatistics
-from common.posterior_decoder import PosteriorDecoder
+from common.keys import IDENTIFIER, observer_of
+from common.messages import ObserverStatistics, PosteriorMessage
 from common.status import ProcessStatus
-from common.wire import BadMessage
+from common.wire import BadMessage, decode_from
 from fusion.engine.engine import FusionEngine
 from fusion.vocabulary_change import ObservedVocabularies
 
@@ -71,21 +70,19 @@ class PosteriorIngest:
         self._engine, self._status, self._clock = engine, status, clock
         self._rejections = RejectionLog()
         self._roster = frozenset(engine.rejected)
-        self._decoders: dict[str, PosteriorDecoder] = {}
         self.vocabularies = ObservedVocabularies(self._roster)
 
     def take(self, *arrivals: Arrival) -> None:
         """Take messages; a bad one is counted and dropped, never raised."""
         now_ns, frames = self._clock(), []
         for arrival in arrivals:
-            decoder = self._decoders.get(arrival.key) or self._new_decoder(arrival.key)
-            observer = decoder.observer
+            observer = observer_of(arrival.key)
             if observer not in self._roster:
                 # Not decoded, so that invented names cost little.
                 self._log(observer, "unknown_observer", f"{len(arrival.payload)} bytes under {arrival.key}", now_ns)
                 continue
             try:
-                message = decoder.decode(arrival.payload)
+                message = decode_from(arrival.key, PosteriorMessage, arrival.payload)
             except BadMessage as error:
                 self._engine.reject(observer, error.reason)
                 self._log(observer, error.reason, error.detail, now_ns)
@@ -98,13 +95,6 @@ class PosteriorIngest:
                 self._log(observer, reason, f"seq {message.seq} of session {message.session}", now_ns)
         if frames:
             self._status.record_frames(frames, now_ns)
-
-    def _new_decoder(self, key: str) -> PosteriorDecoder:
-        """A decoder; it is kept only for observers of the scene, so that invented names fill no memory."""
-        decoder = PosteriorDecoder(key)
-        if decoder.observer in self._roster:
-            self._decoders[key] = decoder
-        return decoder
 
     def statistics(self, roster: Sequence[str]) -> dict[str, ObserverStatistics]:
         """Clock skew and rejected messages of each observer of the scene, and of others that sent some."""

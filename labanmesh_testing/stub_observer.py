@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from common.errors import BadInput
-from common.messages import PosteriorMessage, VocabularyReference
+from common.messages import PosteriorMessage, VocabularyHash
 from common.text import nearest
 from common.wire import encode
 
@@ -30,7 +30,7 @@ class StubObserver:
     def __init__(self, name: str, keys: "SceneKeys", vocabulary: "Vocabulary", link: "Link") -> None:
         self.name = name
         self._scene, self._vocabulary, self._link = keys.scene, vocabulary, link
-        self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
+        self._reference = VocabularyHash(name=vocabulary.name, hash=vocabulary.digest)
         self._session, self._seq = secrets.token_hex(4), 0
         self._script: list[tuple[float, str | None, float]] = []
         self._lock = threading.Lock()
@@ -58,6 +58,7 @@ class StubObserver:
             if self._gone:
                 return
             message = PosteriorMessage(
+                v=1,
                 scene=self._scene,
                 observer=self.name,
                 seq=self._seq,

@@ -23,7 +23,7 @@ from common.errors import LabanmeshError
 from common.inbox import Arrival
 from common.keys import SceneKeys
 from common.link import Link, Publisher
-from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
+from common.messages import AnyMessage, PosteriorMessage, StatusMessage, VerdictMessage
 from common.notify import Notifier
 from common.status import ProcessStatus
 from common.wire import decode, encode, encode_vocabulary
@@ -114,7 +114,7 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
     observer = StatusMessage(
         scene=scene.scene, id="cam0", state="running", rate_hz=30.0, last_frame_ns=now_ns, at_ns=now_ns
     )
-    messages = {
+    messages: dict[str, AnyMessage | None] = {
         "posterior": decode(PosteriorMessage, payloads[0]),
         "judgement": output.judgement,
         "verdict": verdict,

@@ -58,7 +58,7 @@ def posteriors(name: str, count: int) -> tuple[bytes, ...]:
     p = random_posteriors(count + 1, seed=int(name.removeprefix("cam")))
     # The bare fusion process knows the observer by this field alone.
     sent = (message(seq, START_NS + seq * FRAME_NS, own) for seq, own in enumerate(p))
-    return tuple(encode(own.model_copy(update={"observer": name})) for own in sent)
+    return tuple(encode(own.with_fields(observer=name)) for own in sent)
 
 
 @cache

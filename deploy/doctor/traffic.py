@@ -11,12 +11,12 @@ from typing import Final, TypeVar
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
 from common.message_types import CONTRADICTED, OVERLOADED, SAME_ID_REASON, STANDING_BY
-from common.messages import JudgementMessage, Message, PosteriorMessage, StatusMessage
+from common.messages import AnyMessage, JudgementMessage, PosteriorMessage, StatusMessage
 from common.text import plural
 from common.wire import BadMessage, decode_from
 from deploy.doctor.findings import Finding, error, ok, warning
 
-M = TypeVar("M", bound=Message)
+M = TypeVar("M", bound=AnyMessage)
 GROUP: Final = "the mesh"
 PROCESSES_LIMIT = 64
 """How many processes are recorded; a program that invents names cannot fill a page."""

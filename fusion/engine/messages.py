@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from common.message_types import unchecked
+from common.message_types import VotedFacing, unchecked
 from common.messages import (
     SCHEMA_VERSION,
     Agreement,
     Contribution,
-    Facing,
     JudgementMessage,
     OngoingMovement,
     VerdictMessage,
@@ -214,7 +213,7 @@ def _vote(
         "rest": posterior.rest,
         "skew_s": posterior.skew_s,
         "unlearned": posterior.unlearned,
-        "facing": None if surprise is None else unchecked(Facing, {"surprise": surprise.tolist()}),
+        "facing": None if surprise is None else unchecked(VotedFacing, {"surprise": surprise.tolist()}),
         "facets": facets or None,
         "reliability": posterior.reliability,
         "rest_reliability": rest_reliability,

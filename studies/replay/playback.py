@@ -28,8 +28,8 @@ from common.capture_record import APPEARED, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.link import Link, Publisher
 from common.messages import (
+    AnyMessage,
     JudgementMessage,
-    Message,
     OngoingMovement,
     PosteriorMessage,
     StatusMessage,
@@ -51,7 +51,7 @@ BURST_PAUSE_S = 0.001
 VERDICTS_KEPT = 10
 """Verdicts that a late joiner gets, as from the fusion service."""
 QUERYABLE = ("judgement", "verdict", "status", "vocabulary")
-MESSAGE_TYPES: dict[str, type[Message]] = {
+MESSAGE_TYPES: dict[str, type[AnyMessage]] = {
     "posterior": PosteriorMessage,
     "status": StatusMessage,
     "judgement": JudgementMessage,
@@ -100,9 +100,12 @@ class TimeShift:
             message = None
         if message is None:
             return record.payload
-        return encode(message.model_copy(update={"scene": self.scene} | self._shifted(message, record, now_ns)))
+        fields = {"scene": self.scene} | self._shifted(message, record, now_ns)
+        if isinstance(message, PosteriorMessage):
+            return encode(message.with_fields(**fields))
+        return encode(message.model_copy(update=fields))
 
-    def _shifted(self, message: Message, record: CaptureRecord, now_ns: int) -> dict[str, Any]:
+    def _shifted(self, message: AnyMessage, record: CaptureRecord, now_ns: int) -> dict[str, Any]:
         match message:
             case PosteriorMessage():
                 return self._posterior(message, record.arrived_ns, now_ns)

@@ -22,6 +22,7 @@ MAY_ENTER = {
 ONLY_IN = {
     "zenoh": "common/link.py common/subsession.py",
     "msgpack": "common/wire.py",
+    "msgspec": "common/posterior.py common/wire.py common/message_fields.py",
     "mcap": "common/capture_file.py",
     "starlette": "hub/dashboard/*",
     "sse_starlette": "hub/dashboard/*",

@@ -31,7 +31,7 @@ def echo(scene, others, link, stop):
             except BadMessage:
                 continue
             for other in others:
-                payload = encode(message.model_copy(update={"scene": other.scene}))
+                payload = encode(message.with_fields(scene=other.scene))
                 publishers[other.scene, observer_of(arrival.key)].put(payload)
 
 

@@ -44,8 +44,8 @@ class Judges:
         """The bytes of one posterior, captured now."""
         now_ns = time.time_ns() - SECOND_NS // 200
         values = {
-            "scene": scene, "observer": name, "seq": self.seq, "session": f"honest-{name}", "captured_ns": now_ns,
-            "sent_ns": now_ns, "vocabulary": self._reference, "p": course.p[frame].tolist(),
+            "v": 1, "scene": scene, "observer": name, "seq": self.seq, "session": f"honest-{name}",
+            "captured_ns": now_ns, "sent_ns": now_ns, "vocabulary": self._reference, "p": course.p[frame].tolist(),
             "rest": float(course.rest[frame]), "frames": self.seq,
             "visible": {"left_hand": bool(course.visible[frame])},
         }  # fmt: skip

@@ -147,7 +147,7 @@ class _Trial:
         unlearned = float(course.unlearned[frame])
         return encode(
             PosteriorMessage(
-                scene="dojo", observer=name, seq=seq, session=name, captured_ns=self.now_ns, sent_ns=self.now_ns,
+                v=1, scene="dojo", observer=name, seq=seq, session=name, captured_ns=self.now_ns, sent_ns=self.now_ns,
                 vocabulary=self.reference, p=course.p[frame].tolist(), rest=float(course.rest[frame]), frames=seq,
                 unlearned=None if np.isnan(unlearned) else unlearned, visible={"hand": bool(course.visible[frame])},
             )

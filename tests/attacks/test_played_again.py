@@ -50,7 +50,7 @@ def of_an_hour_ago(message, mark):
     """The bytes as they would have been captured an hour ago."""
     stamps = {"captured_ns": message.captured_ns - HOUR_NS, "sent_ns": message.sent_ns - HOUR_NS}
     session = (message.session or "") + mark
-    return encode(message.model_copy(update={**stamps, "session": session}))
+    return encode(message.with_fields(**stamps, session=session))
 
 
 def play(fleet, messages, mark, stop):

@@ -9,6 +9,7 @@ from common.messages import (
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
+    VocabularyHash,
     VocabularyReference,
     Vote,
 )
@@ -26,7 +27,8 @@ DISTRIBUTIONS = st.lists(st.floats(0.01, 1), min_size=2, max_size=20).map(lambda
 
 
 def posterior(**fields):
-    return PosteriorMessage(**{**FIELDS, **fields})
+    fields = {**FIELDS, **fields}
+    return PosteriorMessage(**{**fields, "vocabulary": VocabularyHash(**fields["vocabulary"])})
 
 
 def vote(**fields):

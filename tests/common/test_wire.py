@@ -144,7 +144,7 @@ def test_a_message_survives_the_round_trip(message):
 @given(POSTERIORS)
 def test_a_posterior_survives_the_round_trip_in_single_precision(message):
     decoded = decode(PosteriorMessage, encode(message))
-    assert decoded.model_copy(update={"p": message.p, "rest": message.rest}) == message
+    assert decoded.with_fields(p=message.p, rest=message.rest) == message
     near = {"rel": 1e-7, "abs": 1e-45}
     assert decoded.p == pytest.approx(message.p, **near)
     assert decoded.rest == message.rest or decoded.rest == pytest.approx(message.rest, **near)
@@ -175,7 +175,7 @@ def test_round_off_of_any_softmax_survives_the_way_to_fusion_and_to_listeners(lo
 
 @pytest.mark.parametrize("fields", [{"rest": 1.00001}, {"unlearned": -1e-5}, {"p": [1.00001, -0.00001]}])
 def test_what_is_more_than_round_off_is_rejected_by_sender_and_receiver(fields):
-    with pytest.raises(ValidationError):
+    with pytest.raises(ValueError):
         posterior(**fields)
     reason_of(PosteriorMessage, changed(**fields))
     with pytest.raises(ValidationError):
@@ -194,11 +194,11 @@ def test_the_sum_may_miss_one_by_a_thousandth(error):
 
 @given(POSTERIORS, IDS)
 def test_version_2_leaves_scene_and_observer_to_the_key(message, other):
-    terse = message.model_copy(update={"v": 2, "scene": None, "observer": None})
+    terse = message.with_fields(v=2, scene=None, observer=None)
     decoded = decode_from(f"laban/dojo/observer/{other}/posterior", PosteriorMessage, encode(terse))
     assert (decoded.v, decoded.scene, decoded.observer) == (2, None, None)
     assert message.is_of("dojo", message.observer) == (message.scene == "dojo")
-    assert reason_of(PosteriorMessage, encode(terse.model_copy(update={"v": 1}))) == "malformed"
+    assert reason_of(PosteriorMessage, msgpack.packb({**msgpack.unpackb(encode(terse)), "v": 1})) == "malformed"
 
 
 @pytest.mark.parametrize(

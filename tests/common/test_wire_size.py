@@ -13,7 +13,7 @@ from common import wire
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.facets import FACETS
-from common.message_types import p_of_roots
+from common.message_types import VotedFacing, p_of_roots
 from common.messages import (
     Contribution,
     Facing,
@@ -38,7 +38,7 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
     others, facets = {f"cam{n}": 0.5 for n in range(20)}, {"own": [0.5, 0.5]}
     entry = vote(
         p=[0.01] * 100,
-        facing=Facing(surprise=[[9] * 12] * 100),
+        facing=VotedFacing(surprise=[[9] * 12] * 100),
         facets=facets,
         doubles=others,
         rest_reliability=0.5,
@@ -101,7 +101,7 @@ def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
 
 
 FULL_VOTE = vote(
-    p=[0.25, 0.75], rest=0.25, skew_s=-0.5, unlearned=0.125, facing=Facing(surprise=[[0], [9]]), root_p=[128, 221],
+    p=[0.25, 0.75], rest=0.25, skew_s=-0.5, unlearned=0.125, facing=VotedFacing(surprise=[[0], [9]]), root_p=[128, 221],
     facets={"own": [0.5, 0.5]}, reliability=0.75, doubles={"cam2": 0.5},
 )  # fmt: skip
 

@@ -43,7 +43,7 @@ def reference(vocabulary=NAMES):
 
 
 def posterior(observer, seq=0, session="s", vocabulary=NAMES):
-    message = PosteriorMessage(scene="dojo", observer=observer, seq=seq, session=session, captured_ns=1, sent_ns=2,
+    message = PosteriorMessage(v=1, scene="dojo", observer=observer, seq=seq, session=session, captured_ns=1, sent_ns=2,
                                vocabulary=reference(vocabulary), p=[0.5, 0.5], frames=1)  # fmt: skip
     return KEYS.posterior(observer), encode(message)
 

@@ -115,7 +115,7 @@ class Players:
         p = [0.94 if (n == label) else 0.02 for n in range(NAMES.size)] if moves else [1 / NAMES.size] * NAMES.size
         for name, publisher in self._publishers.items():
             message = PosteriorMessage(
-                scene="day", observer=name, seq=frame, session="day", captured_ns=now_ns, sent_ns=now_ns,
+                v=1, scene="day", observer=name, seq=frame, session="day", captured_ns=now_ns, sent_ns=now_ns,
                 vocabulary=REFERENCE, p=p, rest=0.05 if moves else 0.98, frames=frame + 1,
                 visible={"left_hand": True, "right_hand": True, "head": True},
             )  # fmt: skip

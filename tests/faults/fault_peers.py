@@ -70,7 +70,7 @@ def echo(keys, link, stop, of, own):
         for arrival in inbox.take(0.1):
             stamps = {"captured_ns": stopped_ns, "sent_ns": stopped_ns, "session": session, "seq": seq}
             message = decode(PosteriorMessage, arrival.payload)
-            publisher.put(encode(message.model_copy(update={"observer": own, **stamps})))
+            publisher.put(encode(message.with_fields(observer=own, **stamps)))
             seq += 1
 
 

@@ -11,6 +11,7 @@ import msgpack
 
 from common.messages import (
     Agreement,
+    Facing,
     JudgementMessage,
     OngoingMovement,
     PosteriorMessage,
@@ -48,12 +49,12 @@ def posterior(rng, observer="cam1", seq=0, captured_ns=NOON_NS, session="good"):
     """A good posterior."""
     mass = [rng.random() ** 3 + 1e-3 for _ in NAMES.labels]
     return PosteriorMessage(
-        scene=SCENE, observer=observer, seq=seq, session=session, captured_ns=captured_ns,
+        v=1, scene=SCENE, observer=observer, seq=seq, session=session, captured_ns=captured_ns,
         sent_ns=captured_ns + 1_000_000, vocabulary=REFERENCE, p=[m / sum(mass) for m in mass], rest=rng.random(),
         frames=seq + 1,
         visible={"left_hand": rng.random() < 0.9, "head": True},
         unlearned=rng.choice((None, rng.random())),
-        facing=rng.choice((None, {"surprise": [[rng.randrange(60) for _ in range(4)] for _ in NAMES.labels]})),
+        facing=rng.choice((None, Facing(surprise=[[rng.randrange(60) for _ in range(4)] for _ in NAMES.labels]))),
         facets={"effort_time": [0.25, 0.75], "own": [0.5, 0.25, 0.25]} if rng.random() < 0.5 else None,
     )  # fmt: skip
 

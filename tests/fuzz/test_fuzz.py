@@ -14,6 +14,7 @@ import pytest
 from fuzz_mutator import KEY, KINDS, NAMES, NOON_NS, OBSERVERS, SCENE, Mutator, good_messages, posterior
 from hypothesis import given
 from hypothesis import strategies as st
+from message_fields_of import field_names
 
 from common.config import FusionConfig
 from common.inbox import Arrival
@@ -122,7 +123,7 @@ TREES = st.recursive(
     ),
     max_leaves=12,
 )
-FIELDS = sorted({name for kind in KINDS for name in kind.model_fields})
+FIELDS = sorted({name for kind in KINDS for name in field_names(kind)})
 
 
 @given(st.sampled_from(KINDS), st.dictionaries(st.sampled_from(FIELDS), TREES, max_size=6), st.booleans())

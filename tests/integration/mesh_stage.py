@@ -44,8 +44,8 @@ def posterior(observer="cam1", seq=0, scene="dojo", **fields):
     """A posterior of a movement in progress as bytes."""
     now_ns = time.time_ns()
     values = {
-        "scene": scene, "observer": observer, "seq": seq, "session": "s", "captured_ns": now_ns, "sent_ns": now_ns,
-        "vocabulary": REFERENCE, "p": [0.98, 0.02], "rest": 0.05, "frames": 1,
+        "v": 1, "scene": scene, "observer": observer, "seq": seq, "session": "s", "captured_ns": now_ns,
+        "sent_ns": now_ns, "vocabulary": REFERENCE, "p": [0.98, 0.02], "rest": 0.05, "frames": 1,
     }  # fmt: skip
     return encode(PosteriorMessage(**{**values, **fields}))
 

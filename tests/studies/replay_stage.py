@@ -39,7 +39,8 @@ def belief(label, certainty):
 def posterior(observer, seq, at_ns, label=None, certainty=0.9, **more):
     p = [1 / NAMES.size] * NAMES.size if label is None else belief(label, certainty)
     more = {"captured_ns": at_ns, "sent_ns": at_ns, "rest": 0.98 if label is None else 0.02, "frames": seq, **more}
-    return PosteriorMessage(scene="dojo", observer=observer, seq=seq, session="s", vocabulary=REFERENCE, p=p, **more)
+    more = {"v": 1, "scene": "dojo", "observer": observer, "session": "s", "vocabulary": REFERENCE, **more}
+    return PosteriorMessage(seq=seq, p=p, **more)
 
 
 def key_of(observer, what="posterior"):

@@ -39,7 +39,7 @@ STATUS, ALIVE, VOCABULARY = f"{ROOT}/observer/cam1/status", f"{ROOT}/observer/ca
 
 def posterior(seq=1, captured_ns=THEN, sent_ns=THEN, session="s"):
     return PosteriorMessage(
-        scene="dojo", observer="cam1", seq=seq, session=session, captured_ns=captured_ns, sent_ns=sent_ns,
+        v=1, scene="dojo", observer="cam1", seq=seq, session=session, captured_ns=captured_ns, sent_ns=sent_ns,
         vocabulary=REFERENCE, p=[0.25, 0.75], rest=0.5, frames=seq, visible={"head": True},
     )  # fmt: skip
 

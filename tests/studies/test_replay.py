@@ -30,7 +30,7 @@ from replay_stage import (
 import labanmesh
 from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
-from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
+from common.messages import Facing, JudgementMessage, VerdictMessage
 from common.wire import decode, encode
 from fusion.engine.explanation import CONTESTED_REST
 from studies.fusion_engine import FusionEngine, step
@@ -84,9 +84,9 @@ def test_without_the_full_votes_a_capture_is_judged_again_from_its_posteriors(wr
 def test_the_wait_for_the_roster_is_replayed(write):
     """At the start two observers see a movement that they cannot tell, before the third has begun."""
     early = steps([(0.3, 0.6, {"door": "bowing", "corner": "lunging"}), (1.0, 0.0, {})], seed=1)
-    alone = [(at - 3_000_000_000, [m.model_copy(update={"captured_ns": m.captured_ns - 3_000_000_000,
-              "sent_ns": m.sent_ns - 3_000_000_000}) for m in few[:2]]) for at, few in early]  # fmt: skip
-    later = [(at, [m.model_copy(update={"seq": m.seq + 100}) for m in few]) for at, few in steps()]
+    alone = [(at - 3_000_000_000, [m.with_fields(captured_ns=m.captured_ns - 3_000_000_000,
+              sent_ns=m.sent_ns - 3_000_000_000) for m in few[:2]]) for at, few in early]  # fmt: skip
+    later = [(at, [m.with_fields(seq=m.seq + 100) for m in few]) for at, few in steps()]
     engine = new_engine(scene := a_scene())
     engine.wait_for_roster(scene.fusion.start_s)
     result = judge_again(write(recorded(scene, [*alone, *later], engine)), ReplayChange())
@@ -146,14 +146,12 @@ def test_optional_fields_come_out_the_same(write):
     for n, (at_ns, posteriors) in enumerate(steps(PLAY * 2)):
         more = {
             "unlearned": rng.uniform(0, 0.3),
-            "facing": {"surprise": rng.integers(0, 40, (NAMES.size, 4)).tolist()},
+            "facing": Facing(surprise=rng.integers(0, 40, (NAMES.size, 4)).tolist()),
             "facets": {"effort_time": [0.25, 0.75]},
         }
         # The wheel publishes rarely, so that its posterior fades; the corner sends none of these fields.
         speaks = [m for m in posteriors if m.observer != "wheel" or n % 6 == 0]
-        messages = [
-            m if m.observer == "corner" else PosteriorMessage.model_validate({**m.model_dump(), **more}) for m in speaks
-        ]
+        messages = [m if m.observer == "corner" else m.with_fields(**more) for m in speaks]
         played.append((at_ns, messages))
     records = recorded(a_scene(temperature=1.3), played)
     result = judge_again(write(records, a_scene(temperature=1.3)), ReplayChange())

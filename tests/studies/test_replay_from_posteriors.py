@@ -4,7 +4,7 @@ import pytest
 from replay_stage import NOON, OBSERVERS, ROOT, STEP, key_of, labels, posterior
 
 from common.capture_record import APPEARED, GONE, CaptureRecord
-from common.messages import PosteriorMessage, StatusMessage, VocabularyReference
+from common.messages import PosteriorMessage, StatusMessage, VocabularyHash
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode, encode_vocabulary
 from studies.replay.from_judgements import ReplayChange
@@ -22,11 +22,11 @@ def test_from_posteriors_the_verdicts_are_the_recorded_ones(write, records, unju
 def test_from_posteriors_a_new_vocabulary_is_followed(write, unjudged):
     """As when the observers were taught between the second movement and the third."""
     taught = Vocabulary(("clap", "point", "wave"))
-    reference, later = VocabularyReference(name="", hash=taught.digest), NOON + 50 * STEP
+    reference, later = VocabularyHash(hash=taught.digest), NOON + 50 * STEP
     named = [CaptureRecord("put", f"{ROOT}/vocabulary", encode_vocabulary("dojo", taught), later)]
     changed = [r for r in unjudged if r.arrived_ns < later]
     for record in (r for r in unjudged if r.arrived_ns >= later):
-        message = decode(PosteriorMessage, record.payload).model_copy(update={"vocabulary": reference})
+        message = decode(PosteriorMessage, record.payload).with_fields(vocabulary=reference)
         changed.append(CaptureRecord("put", record.key, encode(message), record.arrived_ns))
     assert labels(judge_again(write([*changed, *named]), ReplayChange())) == ["bowing", "lunging", "wave"]
 
@@ -68,7 +68,7 @@ def test_from_posteriors_a_wrong_clock_is_corrected_by_its_status(write, unjudge
             at_ns, message = record.arrived_ns, decode(PosteriorMessage, record.payload)
             status = StatusMessage(scene="dojo", id="wheel", state="running", at_ns=at_ns - hour_ns)
             times = {"captured_ns": message.captured_ns - hour_ns, "sent_ns": message.sent_ns - hour_ns}
-            late = encode(message.model_copy(update=times))
+            late = encode(message.with_fields(**times))
             shifted.append(CaptureRecord("put", key_of("wheel", "status"), encode(status), at_ns))
             record = CaptureRecord(record.kind, record.key, late, at_ns)
         shifted.append(record)

@@ -6,7 +6,7 @@ from hypothesis.extra.numpy import arrays
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.messages import PosteriorMessage, VocabularyReference
+from common.messages import PosteriorMessage, VocabularyHash
 from common.probability import normalise
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
@@ -27,8 +27,9 @@ FOUR_OBSERVER_RULES = sorted(set(RULES) - {"chernoff"})
 def message(captured_ns, vocabulary=VOCABULARY, **fields):
     """A posterior over VOCABULARY, sent when it was captured."""
     fields = {
-        "scene": "dojo", "observer": "cam1", "seq": 0, "session": "a", "sent_ns": captured_ns, "p": [0.7, 0.2, 0.1],
-        "frames": 1, "vocabulary": VocabularyReference(name="karate", hash=vocabulary.digest), **fields,
+        "v": 1, "scene": "dojo", "observer": "cam1", "seq": 0, "session": "a", "sent_ns": captured_ns,
+        "p": [0.7, 0.2, 0.1], "frames": 1, "vocabulary": VocabularyHash(name="karate", hash=vocabulary.digest),
+        **fields,
     }  # fmt: skip
     return PosteriorMessage(**{**fields, "captured_ns": captured_ns, "p": list(fields["p"])})
 

@@ -9,7 +9,7 @@ from engine_stage import FOUR_OBSERVER_RULES, LABELS, MOVING, REST, UNIFORM, VIE
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import Facing, JudgementMessage, VerdictMessage
 from common.probability import softmax
 from common.vocabulary import ABSTAIN, Vocabulary
 
@@ -68,7 +68,7 @@ def test_a_verdict_is_revoked_when_at_rest_it_was_something_else():
 def test_facing_and_facets_are_pooled_and_published():
     scene, table = EngineDriver(), [[0, 20, 40, 20]] * 3
     for name in VIEWS[:2]:
-        scene.publish(name, sure("bow"), MOVING, facing={"surprise": table}, facets={"effort_time": [0.1, 0.9]})
+        scene.publish(name, sure("bow"), MOVING, facing=Facing(surprise=table), facets={"effort_time": [0.1, 0.9]})
     scene.publish("table", sure("bow"), MOVING, facets={"effort_time": [0.3, 0.7], "own": [1.0]})
     judgement = scene.fuse()
     assert set(judgement.facets) == {"facing", "effort_time"} and np.argmax(judgement.facets["facing"]) == 0
@@ -110,7 +110,7 @@ FIELDS = st.fixed_dictionaries(
     {},
     optional={
         "unlearned": st.floats(0, 1),
-        "facing": FACINGS.map(lambda table: {"surprise": table}),
+        "facing": FACINGS.map(lambda table: Facing(surprise=table)),
         "facets": st.floats(0, 1).map(lambda p: {"effort_time": [p, 1 - p]}),
         "prior": POSTERIORS,
     },

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.messages import Facing
 from common.vocabulary import Vocabulary
 from fusion.engine.reliability import steadiness_after_overlap, steady_enough
 from fusion.engine.roster import ObserverRecord, Roster
@@ -126,12 +127,12 @@ def test_rule_3_even_a_certainty_fades_without_a_nan():
 def test_rules_3_and_7_all_fields_fade_together():
     fields = {
         "unlearned": 0.7,
-        "facing": {"surprise": [[0, 40], [16, 2], [8, 5]]},
+        "facing": Facing(surprise=[[0, 40], [16, 2], [8, 5]]),
         "facets": {"effort_time": [0.1, 0.9]},
     }
     cam = Cam1(message(**fields))
     fresh, faded, dropped = cam.at(), cam.at(after(0.7)), cam.at(after(2.5))
-    assert fresh.unlearned == 0.7 and fresh.surprise.tolist() == fields["facing"]["surprise"]
+    assert fresh.unlearned == 0.7 and fresh.surprise.tolist() == fields["facing"].surprise
     assert fresh.facets["effort_time"] == pytest.approx([0.1, 0.9])
     exponent = math.exp(-1)
     assert faded.unlearned == pytest.approx(tempered(np.append(np.array(P) * 0.3, 0.7), exponent)[-1])
