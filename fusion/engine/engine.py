@@ -11,25 +11,32 @@ from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
 from common.message_types import LAST_INTEGER
-from common.messages import (
-    Contribution,
-    JudgementMessage,
-    PosteriorMessage,
-    VerdictMessage,
-)
+from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import NO_BASES, LastObserved, NearestMiss, VerdictBasis, contributions
 from fusion.engine.explanation import explain_undecided, why_contested, why_waiting
 from fusion.engine.label_trust import LabelTrust
-from fusion.engine.messages import DoubtedObservers, JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
-from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_steps
+from fusion.engine.messages import (
+    DoubtedObservers,
+    JudgementBuilder,
+    PublishedFacets,
+    Stamp,
+    build_verdict,
+    close_verdict,
+    progress_of,
+    published_facets,
+)
+from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
+
+FACETS_NS = SECOND_NS // 5
+"""Between verdicts facets are pooled this seldom: people read them, and observers send new ones 10 times a second."""
 
 
 @dataclass(slots=True)
@@ -65,6 +72,8 @@ class FusionEngine:
         self._nearest = NearestMiss()
         self._withheld = list[VerdictMessage]()
         self._seq = 0
+        self._facets: PublishedFacets = {}
+        self._facets_ns = 0
         self.reliability = Reliability()
 
     @property
@@ -127,10 +136,7 @@ class FusionEngine:
         decision, verdicts = self._segmenter.end_now(now_ns), list[VerdictMessage]()
         if decision is not None and (basis := self._bases.get(decision.decided_ns)) is not None:
             stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
-            verdict_id = self._builder.verdict_id(decision.began_ns)
-            contributed = self._contributions(basis, decision.label)
-            why = basis.why if decision.label == ABSTAIN else None
-            verdicts = [build_verdict(basis.judgement, basis.judgement, decision, why, contributed, verdict_id, stamp)]
+            verdicts = [self._verdict(now_ns, decision, {now_ns: basis}, stamp)]
         self._roster.change_vocabulary(vocabulary)
         self._segmenter.change_vocabulary(vocabulary)
         self.vocabulary = vocabulary
@@ -147,7 +153,7 @@ class FusionEngine:
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`, for many scenes that are pooled together; `output_for` takes the result."""
-        return self._case(self._roster.posteriors(now_ns, self._records))
+        return self._case(self._roster.posteriors(now_ns, self._records), now_ns)
 
     def output_for(
         self, posteriors: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None
@@ -156,7 +162,9 @@ class FusionEngine:
 
         pooled: the result of pooling them, if it is known.
         """
-        pooled = pooled or pool_steps([self._case(posteriors)])[0]
+        pooled = pooled or pool_steps([self._case(posteriors, now_ns)])[0]
+        if pooled.facets is not None:
+            self._facets, self._facets_ns = published_facets(pooled.facets), now_ns
         rest = self._rest.update(posteriors, now_ns)
         doubted = DoubtedObservers(self._rest.reliability, self.label_trust.reliability)
         ballot = self._builder.ballot(posteriors, pooled, doubted)
@@ -181,7 +189,7 @@ class FusionEngine:
         why = self._why(state, ballot.agreement.n, began_ns, missing) if is_moving or decisions else None
         stamp = self._stamp(now_ns)
         judgement = self._builder.judgement(
-            ballot, pooled, movement, why if is_moving else None, stamp, self._segmenter.repetitions
+            ballot, pooled, self._facets, movement, why if is_moving else None, stamp, self._segmenter.repetitions
         )
         current = VerdictBasis(judgement, posteriors, why)
         basis = current if last is None else last.basis
@@ -228,8 +236,9 @@ class FusionEngine:
         """`verdict` once more, as the end of its movement, which goes on under the id `same_as`, or is not followed."""
         return close_verdict(verdict, ended_ns, same_as, self._stamp(now_ns))
 
-    def _case(self, posteriors: Sequence[AgedPosterior]) -> PoolingCase:
-        return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature)
+    def _case(self, posteriors: Sequence[AgedPosterior], now_ns: int | None = None) -> PoolingCase:
+        with_facets = now_ns is None or abs(now_ns - self._facets_ns) >= FACETS_NS
+        return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature, with_facets)
 
     def _verdicts(
         self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictBasis
@@ -239,7 +248,7 @@ class FusionEngine:
         if decisions or self._segmenter.basis_times:
             bases = {**self._bases, now_ns: basis}
             for decision in decisions:
-                verdicts.append(verdict := self._verdict(now_ns, decision, bases))
+                verdicts.append(verdict := self._verdict(now_ns, decision, bases, self._stamp(now_ns)))
                 self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
                 # It carries the contributions, which take long to compute, to its next publication.
                 bases[verdict.decided_ns] = VerdictBasis(verdict, why=verdict.why)
@@ -272,7 +281,9 @@ class FusionEngine:
             self._nearest = NearestMiss(began_ns, state.p, why)
         return why_waiting(missing) if self._segmenter.waits and observers else why
 
-    def _verdict(self, now_ns: int, decision: MovementDecision, bases: Mapping[int, VerdictBasis]) -> VerdictMessage:
+    def _verdict(
+        self, now_ns: int, decision: MovementDecision, bases: Mapping[int, VerdictBasis], stamp: Stamp
+    ) -> VerdictMessage:
         """The verdict with its basis: the votes that decided it, also when its end is published.
 
         The votes of an abstention are those at the end of the movement; after it, the posteriors fade.
@@ -285,9 +296,14 @@ class FusionEngine:
         why = basis.why if decision.label == ABSTAIN else None
         if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
             why = self._nearest.why
-        return build_verdict(
-            basis.judgement, end.judgement, decision, why, contributed, verdict_id, self._stamp(now_ns)
-        )
+        facets = self._facets_at(end)
+        return build_verdict(basis.judgement, end.judgement, facets, decision, why, contributed, verdict_id, stamp)
+
+    def _facets_at(self, basis: VerdictBasis) -> PublishedFacets | None:
+        """The facets at the step of `basis` itself: those of its judgement are up to FACETS_NS older."""
+        if not basis.posteriors:
+            return basis.judgement.facets
+        return published_facets(pool_facets([self._case(basis.posteriors)])[0], basis.judgement.facets)
 
     def _contributions(self, basis: VerdictBasis, label: str) -> Mapping[str, Contribution] | None:
         if isinstance(basis.judgement, VerdictMessage):

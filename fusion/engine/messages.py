@@ -32,6 +32,7 @@ from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import MovementDecision, MovementProgress
 from fusion.engine.weighing import NATS_TO_BITS
 
+PublishedFacets = Mapping[str, list[float]]
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this in any probability votes for no label."""
 FACING_CELLS_LIMIT = 8192
@@ -70,6 +71,12 @@ class DoubtedObservers:
 
     rest: Mapping[str, float] = field(default_factory=dict)
     labels: Mapping[str, float] = field(default_factory=dict)
+
+
+def published_facets(pooled: Mapping[str, Floats], judged: PublishedFacets | None = None) -> PublishedFacets:
+    """Pooled facets as messages carry them, with the facing that was `judged`."""
+    facets = {name: _in_range(p.tolist()) for name, p in pooled.items()}
+    return {**facets, FACING: judged[FACING]} if judged and FACING in judged else facets
 
 
 class JudgementBuilder:
@@ -119,15 +126,15 @@ class JudgementBuilder:
         self,
         ballot: Ballot,
         pooled: PooledPosterior,
+        facets: PublishedFacets,
         movement: OngoingMovement | None,
         why: str | None,
         stamp: Stamp,
         repetitions: int | None = None,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
-        pooled_facets = {name: _in_range(p.tolist()) for name, p in pooled.facets.items()}
         if pooled.facing is not None:
-            pooled_facets[FACING] = _in_range(pooled.facing.tolist())
+            facets = {**facets, FACING: _in_range(pooled.facing.tolist())}
         fields = {
             "v": SCHEMA_VERSION,
             "scene": self._scene,
@@ -142,7 +149,7 @@ class JudgementBuilder:
             "votes": ballot.votes,
             "agreement": ballot.agreement,
             "unlearned": pooled.unlearned,
-            "facets": pooled_facets or None,
+            "facets": facets or None,
             "facing_deg": None if pooled.facing is None else facing_deg(pooled.facing),
             "movement": movement,
             "why": why if movement is None or movement.label is None else None,
@@ -229,15 +236,16 @@ def _vote(
 def build_verdict(
     basis: JudgementMessage,
     end: JudgementMessage,
+    facets: PublishedFacets | None,
     decision: MovementDecision,
     why: str | None,
     contributions: Mapping[str, Contribution] | None,
     verdict_id: str,
     stamp: Stamp,
 ) -> VerdictMessage:
-    """The verdict for `decision`: posterior and votes are those of `basis`, facets and facing those of `end`."""
+    """The verdict for `decision`: posterior and votes are those of `basis`, the facing that of `end`."""
     fields = {name: getattr(basis, name) for name in JudgementMessage.model_fields}
-    fields |= {"facets": end.facets, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
+    fields |= {"facets": facets or None, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
     fields |= {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
     fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
     fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}

@@ -9,12 +9,13 @@ The design: fusion.md, "More than movements".
    that do not publish it, or in another number of directions than most, are uniform over k, which is neutral. The rule
    weighs by the movements alone, mixes movement and facing together, and the facing is then summed out.
 3. Temperature flattens or sharpens the pooled posterior over the answers. The facing, given the answer, stays.
-4. A facet is pooled by the same rule over the observers that publish it.
+4. A facet is pooled by the same rule over the observers that publish it, in the cases that ask for it.
 5. Rest is pooled in rest.py.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class PooledPosterior:
     """The result of pooling.
 
     p (M,), given that it is a movement of the vocabulary; weights (N,); unlearned: the probability that it is none;
-    facing (K,). rows (N + 1, M): the posteriors that were pooled, and then p. facets: by name, with `pool_steps`.
+    facing (K,). rows (N + 1, M): the posteriors that were pooled, and then p. facets: by name; None: not pooled.
     """
 
     p: Floats
@@ -43,7 +44,7 @@ class PooledPosterior:
     unlearned: float | None
     facing: Floats | None
     rows: Floats
-    facets: Mapping[str, Floats] = field(default_factory=dict)
+    facets: Mapping[str, Floats] | None = None
 
     @property
     def answers(self) -> Floats:
@@ -53,12 +54,13 @@ class PooledPosterior:
 
 @dataclass(slots=True)
 class PoolingCase:
-    """The input of `pool_posteriors`: one scene at one time."""
+    """The input of `pool_posteriors`: one scene at one time. with_facets: whether `pool_steps` pools the facets too."""
 
     rule: Rule
     posteriors: Sequence[AgedPosterior]
     prior: Floats
     temperature: float = 1.0
+    with_facets: bool = True
 
     @property
     def has_unlearned(self) -> bool:
@@ -127,9 +129,13 @@ def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | 
 
 
 def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
-    """Same as `pool_many`, with the facets."""
-    pools = zip(pool_many(cases), pool_facets(cases), strict=True)
-    return [replace(pooled, facets=facets) if facets else pooled for pooled, facets in pools]
+    """Same as `pool_many`, with the facets of those that ask for them."""
+    pools = pool_many(cases)
+    due = [(pooled, case) for pooled, case in zip(pools, cases, strict=True) if case.with_facets]
+    if due:
+        for (pooled, _), facets in zip(due, pool_facets([case for _, case in due]), strict=True):
+            pooled.facets = facets
+    return pools
 
 
 def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
@@ -172,9 +178,11 @@ class _Facet:
 def _pool_alike(facets: Sequence[_Facet]) -> Iterable[Floats]:
     """(V,) of each of F facets with equal rule, N and V; in one call where the rule takes leading axes."""
     rule, prior = facets[0].rule, uniform(len(facets[0].rows[0]))
-    if rule.pool_movements is None or len(facets) == 1:
-        return [_pool_rows(rule, np.array(facet.rows), prior, facet.trust).p for facet in facets]
+    # (F, N, V): each sum was checked on arrival to be nearly 1.
     rows = np.array([facet.rows for facet in facets])
+    rows /= rows.sum(axis=-1, keepdims=True)
+    if rule.pool_movements is None or len(facets) == 1:
+        return [_pool_rows(rule, own, prior, facet.trust).p for own, facet in zip(rows, facets, strict=True)]
     return _pool_rows(rule, rows, prior, ObserverTrust.stack([facet.trust for facet in facets])).p
 
 
@@ -233,9 +241,9 @@ def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) ->
 
 def _rows(case: PoolingCase) -> Floats:
     """(N + 1, M) the posteriors, and room for the pooled one."""
-    rows = np.empty((len(case.posteriors) + 1, len(case.prior)))
-    for n, posterior in enumerate(case.posteriors):
-        rows[n] = posterior.p
+    observers, size = len(case.posteriors), len(case.prior)
+    rows = np.empty((observers + 1, size))
+    np.concatenate([posterior.p for posterior in case.posteriors], out=rows.reshape(-1)[: observers * size])
     return rows
 
 
@@ -255,7 +263,7 @@ def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:
 
 def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:
     """(M,), or uniform (M+1,) with "something else" last (1)."""
-    return uniform(len(case.prior) + 1) if has_unlearned else case.prior
+    return _uniform(len(case.prior) + 1) if has_unlearned else case.prior
 
 
 def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
@@ -292,6 +300,10 @@ def _result(
     # If something else is certain, nothing is known about the movements.
     rows[-1] = p = movements / total if total > 0 else uniform(len(movements))
     return PooledPosterior(p, weights, min(unlearned, 1.0), facing, rows)
+
+
+_uniform = cache(uniform)
+"""One read-only array for each number of answers."""
 
 
 def _most_common(sizes: Sequence[int]) -> int:

@@ -140,8 +140,7 @@ class Roster:
         state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
-        facets = message.facets
-        state.facets = {name: _normalised(facet) for name, facet in facets.items()} if facets else NO_FACETS
+        state.facets = message.facets or NO_FACETS
         state.gone, state.fault = False, None
         return None
 
@@ -269,12 +268,6 @@ class Roster:
 def _sees_person(message: PosteriorMessage) -> bool:
     """Whether some body part is visible; an observer that does not publish it (an audio classifier) is not blind."""
     return not message.visible or True in message.visible.values()
-
-
-def _normalised(facet: Sequence[float]) -> list[float]:
-    """A facet, whose sum was checked on arrival to be nearly 1; of a few numbers, faster than as an array."""
-    total = sum(facet)
-    return [p / total for p in facet]
 
 
 def _relative_entropy(p: Floats) -> float:
