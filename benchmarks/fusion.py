@@ -104,8 +104,8 @@ def rule_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Benchm
 def pool_row(name: str, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> BenchmarkRow:
     """`pool` of one rule against the plain mean."""
     rule, prior = RULES[name], uniform(NAMES.size)
-    p = random_posteriors(min(OBSERVERS, rule.most_observers or OBSERVERS))
-    label = f"pool, {len(p)} observers, {name}"
+    p = random_posteriors(OBSERVERS)
+    label = f"pool, {OBSERVERS} observers, {name}"
     return compare(label, lambda: rule.pool(p, prior), lambda: p.mean(axis=0), rounds, batch_s)
 
 

@@ -14,6 +14,7 @@ from pydantic import (
 )
 
 from common.errors import BadInput
+from common.fusion_rules import DEFAULT_RULE
 
 MOST_SPEED = 1000.0
 MOST_DIGITS = 9
@@ -215,7 +216,7 @@ class FusionConfig(Section):
     """
 
     id: str = "fusion"
-    rule: str = "guarded_product"
+    rule: str = DEFAULT_RULE
     quorum: Annotated[int, Field(ge=1, le=1000)] = 1
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     threshold: Annotated[float, Field(ge=1e-3, le=1)] = 0.6

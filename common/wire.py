@@ -120,7 +120,6 @@ def decode_from(key: str, kind: type[M], payload: bytes) -> M:
     message = decode(kind, payload)
     if isinstance(message, PosteriorMessage):
         if message.scene is message.observer is None:
-            # Most leave both to the key.
             return message
         claimed = message.observer, message.scene
         agrees = message.is_of(scene_of(key), observer_of(key))

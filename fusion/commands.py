@@ -8,11 +8,13 @@ from typing import Annotated
 
 import typer
 
-from common.config import Scene, read_scene, scene_files
+from common.config import Scene, read_scene, require_compatible, scene_files
+from common.fusion_rules import rule_name
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, MeshRole
 from common.wire import require_fits
+from fusion.same_id import IdCheck
 
 
 def fuse(
@@ -38,8 +40,6 @@ def fuse(
 
     Example: LABANMESH_FUSION_RULE=log labanmesh fuse scene.toml
     """
-    from fusion.server import serve
-
     log_to_stderr()
     configs = [read_scene(path) for path in scene_files(scenes)]
     first = configs[0].fusion.id
@@ -48,20 +48,21 @@ def fuse(
     # On one machine the others connect to the first service, as observers do.
     role: MeshRole = "fusion" if own == first else "standby"
     require_servable(configs, own, role, shared=shared)
-    # A collection that looked through all loaded modules would delay a judgement by 30 ms.
-    gc.freeze()
     with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own, stop=stop) as link:
-        serve(configs, own, link, stop, shared=shared)
+        id_check = IdCheck(configs, own, link)
+        # The engine is loaded while other processes become known.
+        from fusion.server import serve
+
+        # A collection that looked through all loaded modules would delay a judgement by 30 ms.
+        gc.freeze()
+        serve(configs, own, link, stop, shared=shared, id_check=id_check)
 
 
 def require_servable(scenes: Sequence[Scene], own: str, role: MeshRole, *, shared: bool) -> None:
     """Raises BadInput, one line, if the service `own` of this machine cannot serve these scenes together."""
-    from fusion.engine.rules import get_rule
-    from fusion.server import require_compatible
-
     require_compatible(scenes)
     for scene in scenes:
-        get_rule(scene.fusion.rule, len(scene.roster))
+        rule_name(scene.fusion.rule)
         require_fits(scene)
         scene.require_service(own, shared=shared)
     for scene in scenes:

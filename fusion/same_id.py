@@ -39,30 +39,39 @@ class SameIdError(LabanmeshError):
         )
 
 
-def id_is_free(scenes: Sequence[Scene], own: str, link: Link, stop: threading.Event) -> bool:
-    """Wait until no other process has the id `own`; False if `stop` was set before.
-
-    The token of a killed process disappears within TOKEN_TIMEOUT_S. A token for which no process answers keeps no
-    service away. Raises SameIdError when a process with this id answers.
+class IdCheck:
+    """Whether a process that starts is the only one with the id `own`. It begins when it is made: what takes a while
+    can be done before `is_free`.
     """
-    keys = scenes[0].keys
-    alive, detector = keys.fusion_alive(own), SameIdDetector("", float("-inf"), 0.0)
-    with link.sub_session() as session:
+
+    def __init__(self, scenes: Sequence[Scene], own: str, link: Link) -> None:
         # One scene suffices: a process announces itself in all of its scenes.
-        presence, questions = session.presence(alive), _Questions(session, keys, own, detector)
-        begun_s = time.monotonic()
-        while (waited_s := time.monotonic() - begun_s) < DISCOVERY_S or alive in presence.alive:
-            if stop.wait(0.02):
-                return False
-            now_s = time.monotonic()
-            if alive in presence.alive:
-                questions.ask(now_s)
-            if detector.any_confirmed(now_s):
-                raise SameIdError(alive)
-            if waited_s > TOKEN_TIMEOUT_S:
-                log.warning("%s: a token of this id exists, but no process answers for it", alive)
-                break
-    return True
+        keys = scenes[0].keys
+        self._alive, self._detector = keys.fusion_alive(own), SameIdDetector("", float("-inf"), 0.0)
+        self._session = link.sub_session()
+        self._presence = self._session.presence(self._alive)
+        self._questions = _Questions(self._session, keys, own, self._detector)
+        self._begun_s = time.monotonic()
+
+    def is_free(self, stop: threading.Event) -> bool:
+        """Wait until no other process has the id; False if `stop` was set before.
+
+        The token of a killed process disappears within TOKEN_TIMEOUT_S. A token for which no process answers keeps no
+        service away. Raises SameIdError when a process with this id answers.
+        """
+        with self._session:
+            while (waited_s := time.monotonic() - self._begun_s) < DISCOVERY_S or self._alive in self._presence.alive:
+                if stop.wait(0.02):
+                    return False
+                now_s = time.monotonic()
+                if self._alive in self._presence.alive:
+                    self._questions.ask(now_s)
+                if self._detector.any_confirmed(now_s):
+                    raise SameIdError(self._alive)
+                if waited_s > TOKEN_TIMEOUT_S:
+                    log.warning("%s: a token of this id exists, but no process answers for it", self._alive)
+                    break
+        return True
 
 
 class SameIdWatch:

@@ -16,8 +16,8 @@ from contextlib import suppress
 from itertools import islice
 
 from common import SECOND_NS
-from common.config import Scene
-from common.errors import BadInput, LabanmeshError
+from common.config import Scene, require_compatible
+from common.errors import LabanmeshError
 from common.inbox import Arrival
 from common.keys import scene_of
 from common.link import Link
@@ -28,7 +28,7 @@ from fusion.instrumentation import ServerStep, instrumented
 from fusion.membership import SceneMember
 from fusion.ownership import Role
 from fusion.publisher import JudgementBatch, put_now
-from fusion.same_id import id_is_free
+from fusion.same_id import IdCheck
 from fusion.scene_worker import SceneWorker, Service, StepInput, StepResult
 
 log = logging.getLogger("labanmesh.fusion")
@@ -59,16 +59,17 @@ def serve(
     clock: Callable[[], int] | None = None,
     *,
     shared: bool = False,
+    id_check: IdCheck | None = None,
 ) -> None:
     """Take part in the fusion of `scenes` as the service `own` until `stop` is set.
 
     shared: scenes that name no standby services are shared with all other services of these scenes. clock: Unix epoch
-    in ns; None: a SteadyClock. Raises BadInput for scenes that one process cannot serve, LabanmeshError when another
-    process has this id.
+    in ns; None: a SteadyClock. id_check: one that has begun already. Raises BadInput for scenes that one process cannot
+    serve, LabanmeshError when another process has this id.
     """
     require_compatible(scenes)
     supervisor = Notifier.from_environment()
-    if not id_is_free(scenes, own, link, stop):
+    if not (id_check or IdCheck(scenes, own, link)).is_free(stop):
         return
     server = FusionServer(scenes, own, link, clock, shared=shared, supervisor=supervisor)
     fault = ""
@@ -255,25 +256,6 @@ class SteadyClock:
         if abs(offset_ns - self._offset_ns) > MOST_DRIFT_NS:
             log.info("the clock of this machine was set by %+.3f s", (offset_ns - self._offset_ns) / SECOND_NS)
             self._offset_ns = offset_ns
-
-
-def require_compatible(scenes: Sequence[Scene]) -> None:
-    """Raises BadInput, one line, for scenes that one process cannot serve together."""
-    first, names, files = scenes[0], set[str](), dict[str, str]()
-    for scene in scenes:
-        if scene.scene in names:
-            raise BadInput(f"scene {scene.scene!r}: in two of the files; each scene is fused once")
-        names.add(scene.scene)
-        if scene.mesh != first.mesh:
-            raise BadInput(f"scene {scene.scene!r}: another [mesh] than {first.scene!r}; one process has one link")
-        if scene.fusion.memory and not scene.place(scene.fusion.memory).is_dir():
-            path = str(scene.place(scene.fusion.memory).absolute())
-            if path in files:
-                raise BadInput(
-                    f"scene {scene.scene!r}: fusion.memory = {scene.fusion.memory!r} is the file of {files[path]!r} "
-                    "too; each scene needs a file of its own"
-                )
-            files[path] = scene.scene
 
 
 def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:

@@ -100,8 +100,8 @@ def evaluate(
 
 
 def require_fits(settings: EvaluationSettings) -> None:
-    """Raise BadInput for an unknown rule, one that does not take so many observers, and two views of one name."""
-    get_rule(settings.rule, len(settings.views))
+    """Raise BadInput for an unknown rule, and for two views of one name."""
+    get_rule(settings.rule)
     check_names([view.name for view in settings.views])
 
 
@@ -170,7 +170,7 @@ def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> 
 
 
 def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
-    rule, prior = get_rule(settings.rule, len(settings.views)), uniform(result.views.shape[2])
+    rule, prior = get_rule(settings.rule), uniform(result.views.shape[2])
     steadiness = _steadiness(result)
     cases = [
         PoolingCase(rule, _votes(result, n, steadiness[n]), prior, settings.temperature)

@@ -50,7 +50,7 @@ class EngineOutput:
 class FusionEngine:
     """Fuses the posteriors of one scene's observers.
 
-    Raises BadInput for an unknown rule, or a rule that does not take so many observers.
+    Raises BadInput for an unknown rule.
     """
 
     def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
@@ -60,7 +60,7 @@ class FusionEngine:
         self.session: str | None = None
         """Random per process, written into each message."""
         self._scene, self._config = scene, config
-        self._rule = get_rule(config.rule, len(observers))
+        self._rule = get_rule(config.rule)
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()

@@ -26,7 +26,7 @@ from common.messages import (
 )
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
-from fusion.engine.guarded_pool import TINY
+from fusion.engine.guarded_product import TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import MovementDecision, MovementProgress

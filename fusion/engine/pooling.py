@@ -75,7 +75,7 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     answers, prior = _answers(case, rows, has_unlearned), _prior(case, has_unlearned)
     facing = _facing(case.posteriors, len(prior))
     if facing is None:
-        pooled = _pool_rows(case.rule, answers, prior, trust)
+        pooled = case.rule.pool(answers, prior, trust)
         return _result(rows, _tempered(pooled.p, prior, case.temperature), pooled.weights, has_unlearned)
     joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, trust)
     pooled_answers = joint.p.sum(axis=1)
@@ -113,17 +113,13 @@ def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     rows = [_rows(case) for case in cases]
     answers = np.array([_answers(case, case_rows, has_unlearned) for case, case_rows in zip(cases, rows, strict=True)])
     trust = ObserverTrust.stack([observer_trust(case.posteriors) for case in cases])
-    pooled = _pool_rows(first.rule, answers, prior, trust)
+    pooled = first.rule.pool(answers, prior, trust)
     for case_rows, p, weights in zip(rows, pooled.p, pooled.weights, strict=True):
         yield _result(case_rows, _tempered(p, prior, first.temperature), weights, has_unlearned)
 
 
 def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | None = None) -> RuleResult:
     """Pool cells (N, R, K) of N observers over R answers and K directions, with prior (R,), to p (R, K) (2)."""
-    if rule.weigh is None or rule.mix is None:
-        size = cells.shape[2]
-        pooled = rule.pool(cells.reshape(len(cells), -1), np.repeat(prior / size, size))
-        return RuleResult(pooled.p.reshape(-1, size), pooled.weights)
     weighed = rule.weigh(cells.sum(axis=2), prior, trust or ObserverTrust.unknown(len(cells)))
     return RuleResult(rule.mix(cells, prior, weighed), weighed.shares)
 
@@ -182,8 +178,8 @@ def _pool_alike(facets: Sequence[_Facet]) -> Iterable[Floats]:
     rows = np.array([facet.rows for facet in facets])
     rows /= rows.sum(axis=-1, keepdims=True)
     if rule.pool_movements is None or len(facets) == 1:
-        return [_pool_rows(rule, own, prior, facet.trust).p for own, facet in zip(rows, facets, strict=True)]
-    return _pool_rows(rule, rows, prior, ObserverTrust.stack([facet.trust for facet in facets])).p
+        return [rule.pool(own, prior, facet.trust).p for own, facet in zip(rows, facets, strict=True)]
+    return rule.pool(rows, prior, ObserverTrust.stack([facet.trust for facet in facets])).p
 
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
@@ -227,16 +223,6 @@ def facing_deg(facing: Floats) -> float:
     degrees = float(np.degrees(np.arctan2(facing[near] @ np.sin(angles), facing[near] @ np.cos(angles))) % 360)
     # A tiny negative angle is rounded to 360.
     return degrees % 360
-
-
-def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) -> RuleResult:
-    """Pool without facing; p and weights have the leading axes of `rows`."""
-    if rule.pool_movements is not None:
-        return rule.pool_movements(rows, prior, trust)
-    if rule.weigh is None or rule.mix is None:
-        return rule.pool(rows, prior)
-    weighed = rule.weigh(rows, prior, trust)
-    return RuleResult(rule.mix(rows[..., None], prior, weighed)[..., 0], weighed.shares)
 
 
 def _rows(case: PoolingCase) -> Floats:

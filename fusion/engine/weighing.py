@@ -92,7 +92,7 @@ class PoolingWeights:
 
 def divergence_from_prior(p: Floats, ratio: Floats) -> Floats:
     """(..., N, M) posteriors, their ratios to the prior -> (..., N) Kullback-Leibler divergence in bits, 0 or more."""
-    # As guarded_pool.py computes it, to the last bit: shares of almost nothing depend on it.
+    # As guarded_product.py computes it, to the last bit: shares of almost nothing depend on it.
     bits: Floats = np.maximum(p * np.log(ratio + SMALLEST) @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
     return bits
 

@@ -7,13 +7,14 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
+from common.fusion_rules import FUSION_RULES, RETIRED_RULES
 from common.probability import normalise, uniform
 from fusion.engine.pooling import pool_joint
 from fusion.engine.rules import DEFAULT_RULE, RULES, get_rule
 
 ALL = list(RULES.values())
-# The others have thresholds or search for a minimum: there the last digit of a sum over facings may decide.
-STEADY = [rule for rule in ALL if rule.name not in ("chernoff", "iest", "ieat", "min_entropy")]
+# The other has a threshold: there the last digit of a sum over facings may decide.
+STEADY = [rule for rule in ALL if rule.name not in ("min_entropy",)]
 each_rule = pytest.mark.parametrize("rule", ALL, ids=lambda rule: rule.name)
 
 MASSES = st.sampled_from([0.0, 1e-12, 0.01, 0.2, 0.5, 1.0])
@@ -26,25 +27,23 @@ POSTERIORS = POSTERIORS.map(normalise)
 @given(p=POSTERIORS)
 def test_any_posteriors_give_a_distribution_and_stay_unchanged(p):
     for rule in ALL:
-        some = p[: rule.most_observers]
-        before = some.copy()
-        pooled = rule.pool(some, uniform(p.shape[1]))
+        before = p.copy()
+        pooled = rule.pool(p, uniform(p.shape[1]))
         assert pooled.p.shape == (p.shape[1],), rule.name
         assert np.isfinite(pooled.p).all() and (pooled.p >= 0).all() and pooled.p.sum() == pytest.approx(1), rule.name
-        assert pooled.weights.shape == (len(some),) and pooled.weights.sum() == pytest.approx(1), rule.name
-        assert (some == before).all(), rule.name
+        assert pooled.weights.shape == (len(p),) and pooled.weights.sum() == pytest.approx(1), rule.name
+        assert (p == before).all(), rule.name
 
 
 @given(p=POSTERIORS, seed=st.integers(0, 99))
 def test_observers_and_labels_may_be_reordered(p, seed):
     for rule in ALL:
-        some = p[: rule.most_observers]
         rng = np.random.default_rng(seed)
-        rows, columns = rng.permutation(some.shape[0]), rng.permutation(some.shape[1])
-        prior = uniform(some.shape[1])
-        plain = rule.pool(some, prior)
-        assert rule.pool(some[rows], prior).p == pytest.approx(plain.p, abs=1e-6), rule.name
-        assert rule.pool(some[:, columns], prior).p == pytest.approx(plain.p[columns], abs=1e-6), rule.name
+        rows, columns = rng.permutation(p.shape[0]), rng.permutation(p.shape[1])
+        prior = uniform(p.shape[1])
+        plain = rule.pool(p, prior)
+        assert rule.pool(p[rows], prior).p == pytest.approx(plain.p, abs=1e-6), rule.name
+        assert rule.pool(p[:, columns], prior).p == pytest.approx(plain.p[columns], abs=1e-6), rule.name
 
 
 @each_rule
@@ -56,11 +55,10 @@ def test_disjoint_certainties_give_no_nan_and_agreement_is_followed(rule):
 @given(p=POSTERIORS, size=st.integers(1, 4), seed=st.integers(0, 99))
 def test_the_same_holds_for_movement_and_facing_together(p, size, seed):
     for rule in STEADY:
-        some = p[: rule.most_observers]
         rng = np.random.default_rng(seed)
-        cells = some[:, :, None] * rng.dirichlet(np.full(size, 0.5), some.shape)
+        cells = p[:, :, None] * rng.dirichlet(np.full(size, 0.5), p.shape)
         rows, columns, turned = (rng.permutation(n) for n in cells.shape)
-        prior = uniform(some.shape[1])
+        prior = uniform(p.shape[1])
         plain = pool_joint(rule, cells, prior).p
         assert plain.shape == cells.shape[1:] and np.isfinite(plain).all() and (plain >= 0).all(), rule.name
         assert plain.sum() == pytest.approx(1), rule.name
@@ -72,11 +70,9 @@ def test_the_same_holds_for_movement_and_facing_together(p, size, seed):
 @given(p=POSTERIORS, size=st.integers(1, 4))
 def test_a_uniform_facing_changes_nothing(p, size):
     for rule in STEADY:
-        some = p[: rule.most_observers]
-        cells, prior = np.repeat(some[:, :, None] / size, size, axis=2), uniform(some.shape[1])
-        joint, plain = pool_joint(rule, cells, prior), rule.pool(some, prior)
-        if rule.name != "median":  # of log odds, which a finer table changes
-            assert joint.p.sum(axis=1) == pytest.approx(plain.p, abs=1e-6), rule.name
+        cells, prior = np.repeat(p[:, :, None] / size, size, axis=2), uniform(p.shape[1])
+        joint, plain = pool_joint(rule, cells, prior), rule.pool(p, prior)
+        assert joint.p.sum(axis=1) == pytest.approx(plain.p, abs=1e-6), rule.name
         assert joint.weights == pytest.approx(plain.weights), rule.name
 
 
@@ -86,5 +82,10 @@ def test_rules_are_found_by_name():
         get_rule("logpol")
     with pytest.raises(BadInput, match=r"unknown rule; known: .*inverse_entropy.*log"):
         get_rule("xyz")
-    with pytest.raises(BadInput, match="at most 2 observers, here are 4"):
-        get_rule("chernoff", 4)
+    assert tuple(RULES) == FUSION_RULES and set(RETIRED_RULES.values()) <= set(RULES)
+
+
+def test_of_a_rule_that_is_gone_the_error_names_another_and_the_earlier_default_stands_for_the_default():
+    assert get_rule("robust_inverse_entropy").name == DEFAULT_RULE
+    with pytest.raises(BadInput, match=r"fusion\.rule = 'median': this rule is gone; use 'log'"):
+        get_rule("median")

@@ -2,10 +2,10 @@
 
 import pytest
 
-from common.config import read_scene
+from common.config import read_scene, require_compatible
 from common.errors import BadInput
 from fusion.commands import scene_files
-from fusion.server import SteadyClock, require_compatible
+from fusion.server import SteadyClock
 
 
 def text(name, more=""):

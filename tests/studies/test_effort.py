@@ -47,7 +47,7 @@ def judged(archive):
 
 
 def test_each_view_and_the_fusion_recognise_the_poles(judged):
-    figures = as_json({1.0: judged}, "robust_inverse_entropy")
+    figures = as_json({1.0: judged}, "guarded_product")
     for factor in ("weight", "time"):
         assert {name: by["accuracy"] for name, by in figures["factors"][factor].items()} == {
             name: pytest.approx(1, abs=0.1) for name in ("door", "wheel", FUSED)
@@ -84,7 +84,7 @@ def test_the_command_prints_the_table_and_writes_its_files(archive, tmp_path, ca
 @pytest.mark.slow
 def test_effort_is_recognised_in_an_unlearned_action(data):
     recorded = select(import_recordings("bvh", data / "effort_bvh").archive, (), RATE)
-    figures = as_json(judge_poles(recorded, VIEWS), "robust_inverse_entropy")
+    figures = as_json(judge_poles(recorded, VIEWS), "guarded_product")
     print(as_text(figures))
     fused = {factor: by[FUSED] for factor, by in figures["factors"].items()}
     assert all(by["n"] == 72 for by in fused.values())

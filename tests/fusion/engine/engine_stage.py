@@ -21,7 +21,7 @@ STEP_NS = SECOND_NS // 10
 CONFIG = FusionConfig(quorum=3, threshold=0.8, hold_s=0.3)
 MOVING, REST = 0.05, 0.95
 """The probability that the person is at rest."""
-FOUR_OBSERVER_RULES = sorted(set(RULES) - {"chernoff"})
+ALL_RULES = sorted(RULES)
 
 
 def message(captured_ns, vocabulary=VOCABULARY, **fields):

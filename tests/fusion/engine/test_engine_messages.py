@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from engine_stage import FOUR_OBSERVER_RULES, LABELS, MOVING, REST, UNIFORM, VIEWS, EngineDriver, all_views, sure
+from engine_stage import ALL_RULES, LABELS, MOVING, REST, UNIFORM, VIEWS, EngineDriver, all_views, sure
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -130,7 +130,7 @@ def numbers(value):
 
 
 @settings(deadline=None)  # up to twelve steps each time
-@given(STEPS, st.sampled_from(FOUR_OBSERVER_RULES), st.sampled_from([1e-3, 0.5, 1.0, 1.7, 1e3]))
+@given(STEPS, st.sampled_from(ALL_RULES), st.sampled_from([1e-3, 0.5, 1.0, 1.7, 1e3]))
 @example([({"door": (1.0, 0.0, 0.0), "wheel": (0.0, 1.0, 0.0)}, 0.0, {"unlearned": 1.0})] * 3, "product", 1e-3)
 def test_any_posteriors_give_messages_that_their_classes_accept(steps, rule, temperature):
     scene = EngineDriver(rule=rule, temperature=temperature, quorum=1, hold_s=0.1)

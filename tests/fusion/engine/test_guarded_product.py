@@ -6,6 +6,7 @@ from engine_stage import posteriors
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from plain_guarded_product import plain_weights
 
 from common.probability import normalise, uniform
 from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_weights
@@ -22,11 +23,14 @@ def pool(p, prior=None, trust=None):
     p = np.asarray(p, dtype=float)
     prior = uniform(p.shape[1]) if prior is None else np.asarray(prior)
     trust = trust or ObserverTrust.unknown(len(p))
-    plain, fast = RULE.weigh(p, prior, trust), RULE.pool_movements(p, prior, trust)
+    plain, fast = plain_weights(p, prior, trust), RULE.pool_movements(p, prior, trust)
     # The sums of many observers that contradict one another are long, and round off more.
     round_off = 1e-12 * max(len(p) / 4, 1)
     assert np.abs(fast.p - RULE.mix(p[:, :, None], prior, plain)[:, 0]).max() < round_off
-    assert np.abs(fast.weights - plain.shares).max() < round_off
+    weights = RULE.weigh(p, prior, trust)
+    for one, other in ((fast.weights, plain.shares), (weights.exponents, plain.exponents)):
+        assert np.abs(one - other).max() < round_off
+    assert np.abs(weights.hypotheses - plain.hypotheses).max() < round_off
     return fast.p
 
 

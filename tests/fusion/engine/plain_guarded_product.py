@@ -1,0 +1,63 @@
+"""The weights of guarded_product, formula by formula: the plain form that the fast one is compared with."""
+
+import numpy as np
+
+from fusion.engine.guarded_product import (
+    BETA,
+    EPSILON,
+    GAMMA,
+    ODDS_OF_FOUR,
+    ODDS_OF_THREE,
+    believed_by,
+)
+from fusion.engine.weighing import (
+    PARTICIPATION_BITS,
+    PoolingWeights,
+    divergence_from_prior,
+    shares_of,
+    similarity,
+    sum_last,
+    uncertainty,
+)
+
+EXPONENT_LIMIT = 500.0
+"""Nats; far beyond the log Bayes factor of some tens of observers. It keeps the exponential finite."""
+
+
+def plain_weights(p, prior, observers):
+    """(..., N, M) posteriors, (M,) prior -> exponents (..., H, N) and probabilities of H hypotheses: N + 1, or 1."""
+    ratio = p * (1.0 / prior)
+    divergence_bits = divergence_from_prior(p, ratio)
+    participation = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
+    believed = believed_by(p.shape[-2])
+    # Row j, column i: the correlation by which observer i loses weight to observer j.
+    rho = np.maximum(similarity(ratio) * uncertainty(p), observers.correlations * participation[..., :, None])
+    w = believed * observers.trust[..., None, :] / (1.0 + believed @ rho)
+    hypotheses = _hypotheses(w, ratio, prior, participation)
+    exponents = w * np.maximum(_effective_number(w, divergence_bits), 1.0)[..., None] ** (GAMMA - 1.0)
+    mean_exponents = (hypotheses[..., None, :] @ exponents)[..., 0, :]
+    return PoolingWeights(
+        exponents, np.full(p.shape[:-1], EPSILON), shares_of(mean_exponents * divergence_bits), hypotheses
+    )
+
+
+def _effective_number(w, divergence_bits):
+    """W of each hypothesis (3), (..., H); 1 if no observer participates. w (..., H, N)."""
+    information = w * divergence_bits[..., None, :]
+    squares = (information @ divergence_bits[..., None])[..., 0]
+    return (sum_last(information) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
+
+
+def _hypotheses(w, ratio, prior, participation):
+    """P(h) of each hypothesis (1), (..., H). ratio: p/prior."""
+    participants = sum_last(participation)
+    if w.shape[-2] == 1:
+        return np.ones((*participants.shape, 1))
+    log_likelihood = w @ np.log((1.0 - EPSILON) * ratio + EPSILON)
+    largest = np.maximum.reduce(log_likelihood, axis=-1)
+    log_z = np.log(np.exp(log_likelihood - largest[..., None]) @ prior) + largest
+    odds = ODDS_OF_THREE * np.minimum(np.maximum(participants - 2.0, 0.0), 1.0)
+    odds = odds + (ODDS_OF_FOUR - ODDS_OF_THREE) * np.minimum(np.maximum(participants - 3.0, 0.0), 1.0)
+    mass = np.exp(np.minimum(BETA * (log_z - log_z[..., :1]), EXPONENT_LIMIT))
+    mass[..., 1:] *= odds[..., None] * participation
+    return mass / sum_last(mass)[..., None]
