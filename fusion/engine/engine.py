@@ -14,19 +14,8 @@ from common.message_types import LAST_INTEGER
 from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
-from fusion.engine.contributions import NO_BASES, LastObserved, NearestMiss, VerdictBasis, contributions
-from fusion.engine.explanation import explain_undecided, why_contested, why_waiting
 from fusion.engine.label_trust import LabelTrust
-from fusion.engine.messages import (
-    DoubtedObservers,
-    JudgementBuilder,
-    PublishedFacets,
-    Stamp,
-    build_verdict,
-    close_verdict,
-    progress_of,
-    published_facets,
-)
+from fusion.engine.messages import DoubtedObservers, JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
@@ -34,6 +23,19 @@ from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
+from fusion.engine.verdicts import (
+    NO_BASES,
+    LastObserved,
+    NearestMiss,
+    VerdictBasis,
+    build_verdict,
+    close_verdict,
+    contributions,
+    explain_undecided,
+    progress_of,
+    why_contested,
+    why_waiting,
+)
 
 FACETS_NS = SECOND_NS // 5
 """Between verdicts facets are pooled this seldom: people read them, and observers send new ones 10 times a second."""
@@ -71,9 +73,8 @@ class FusionEngine:
         self._last_observed: LastObserved | None = None
         self._nearest = NearestMiss()
         self._withheld = list[VerdictMessage]()
-        self._seq = 0
+        self._seq = self._facets_ns = 0
         self._facets: PublishedFacets = {}
-        self._facets_ns = 0
         self.reliability = Reliability()
 
     @property
@@ -291,8 +292,10 @@ class FusionEngine:
         basis_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
         basis = bases.get(basis_ns or 0, bases[now_ns])
         end = bases.get(decision.ended_ns or 0, basis)
-        verdict_id = self._builder.verdict_id(decision.began_ns)
-        contributed = self._contributions(basis, decision.label)
+        verdict_id, contributed = (
+            self._builder.verdict_id(decision.began_ns),
+            self._contributions(basis, decision.label),
+        )
         why = basis.why if decision.label == ABSTAIN else None
         if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
             why = self._nearest.why

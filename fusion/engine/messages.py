@@ -1,8 +1,8 @@
-"""Builds the messages of a fusion service: votes, judgements and verdicts. Pure.
+"""Builds votes and judgements; verdicts.py builds verdicts of them. Pure.
 
 Validation would take longer than pooling, and a service makes hundreds of judgements a second. `unchecked` therefore
 builds them from values that are in range already: those of checked messages, and the engine's own, whose round-off is
-clamped here (`_in_range`, `_entropies`). Tests validate what is made. A verdict, one per movement, is validated.
+clamped here (`_in_range`, `_entropies`). Tests validate what is made.
 """
 
 import math
@@ -17,10 +17,8 @@ from common.message_types import VotedFacing, unchecked
 from common.messages import (
     SCHEMA_VERSION,
     Agreement,
-    Contribution,
     JudgementMessage,
     OngoingMovement,
-    VerdictMessage,
     VocabularyReference,
     Vote,
 )
@@ -29,7 +27,7 @@ from common.vocabulary import Vocabulary
 from fusion.engine.guarded_product import TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.segments import MovementDecision, MovementProgress
+from fusion.engine.segments import MovementProgress
 from fusion.engine.weighing import NATS_TO_BITS
 
 PublishedFacets = Mapping[str, list[float]]
@@ -233,34 +231,6 @@ def _vote(
     return unchecked(Vote, fields)
 
 
-def build_verdict(
-    basis: JudgementMessage,
-    end: JudgementMessage,
-    facets: PublishedFacets | None,
-    decision: MovementDecision,
-    why: str | None,
-    contributions: Mapping[str, Contribution] | None,
-    verdict_id: str,
-    stamp: Stamp,
-) -> VerdictMessage:
-    """The verdict for `decision`: posterior and votes are those of `basis`, the facing that of `end`."""
-    fields = {name: getattr(basis, name) for name in JudgementMessage.model_fields}
-    fields |= {"facets": facets or None, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
-    fields |= {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
-    fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
-    fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
-    fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
-    fields |= {"repetitions": decision.repetitions}
-    return VerdictMessage.model_validate(fields)
-
-
-def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, stamp: Stamp) -> VerdictMessage:
-    """`verdict` once more, as the end of its movement."""
-    fields = {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
-    fields |= {"epoch": stamp.epoch, "session": stamp.session, "same_as": same_as}
-    return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
-
-
 def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
     decision = movement.decision
     fields: dict[str, Any] = {"id": movement_id, "began_ns": movement.began_ns}
@@ -270,11 +240,3 @@ def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
         fields |= {"label": decision.label, "decided_ns": decision.decided_ns, "revises": decision.revises}
         fields["outage_ns"] = movement.outage_ns
     return unchecked(OngoingMovement, fields)
-
-
-def progress_of(message: OngoingMovement | VerdictMessage) -> MovementProgress:
-    """The inverse of `JudgementBuilder.ongoing`."""
-    if message.label is None or message.decided_ns is None:
-        return MovementProgress(message.began_ns)
-    decision = MovementDecision(message.label, message.began_ns, message.decided_ns, revises=message.revises)
-    return MovementProgress(message.began_ns, decision)

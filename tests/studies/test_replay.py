@@ -32,7 +32,7 @@ from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.messages import Facing, JudgementMessage, VerdictMessage
 from common.wire import decode, encode
-from fusion.engine.explanation import CONTESTED_REST
+from fusion.engine.verdicts import CONTESTED_REST
 from studies.fusion_engine import FusionEngine, step
 from studies.replay.comparison import VerdictRecord, as_json, as_text, compare_verdicts
 from studies.replay.from_judgements import Gap, ReplayChange

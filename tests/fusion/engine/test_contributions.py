@@ -6,9 +6,9 @@ import pytest
 from engine_stage import aged as posterior
 
 from common.probability import uniform
-from fusion.engine.contributions import contributions
 from fusion.engine.pooling import PoolingCase, pool_posteriors
 from fusion.engine.rules import RULES
+from fusion.engine.verdicts import contributions
 
 
 def case(rule, *posteriors):

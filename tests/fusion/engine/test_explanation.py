@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from common.config_sections import FusionConfig
 from common.messages import WHY_LIMIT
-from fusion.engine.explanation import explain_undecided
 from fusion.engine.segments import PooledState
+from fusion.engine.verdicts import explain_undecided
 
 CONFIG = FusionConfig(threshold=0.8, quorum=3, hold_s=0.2)
 

@@ -10,9 +10,9 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from fusion.engine.explanation import CONTESTED_REST
 from fusion.engine.rest import RestPool, pooled_rest
 from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
+from fusion.engine.verdicts import CONTESTED_REST
 
 STEP_NS = 100_000_000
 

@@ -1,0 +1,197 @@
+"""Builds verdicts: what each observer contributed, and why a movement has no verdict yet, in a line for people. Pure.
+
+The design: fusion.md, "What verdicts teach". A verdict, one per movement, is validated.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from common.config_sections import FusionConfig
+from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
+from common.probability import Floats
+from fusion.engine.messages import PublishedFacets, Stamp
+from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
+from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.segments import MovementDecision, MovementProgress, PooledState
+
+SMALLEST = 1e-12
+"""Least probability in the log odds, so that a veto leaves them finite."""
+NO_OBSERVERS = "waiting for observers"
+CONTESTED_REST = "two observers contradict each other on whether the person rests"
+ROUND_OFF = 1e-9
+NAMES_LIMIT = 3
+"""Awaited observers that are listed by name."""
+
+
+@dataclass(slots=True)
+class VerdictBasis:
+    """A judgement that a verdict may be based on, its posteriors, and what a label lacked then.
+
+    Without posteriors if it is a verdict, or came from another service. Nothing changes one.
+    """
+
+    judgement: JudgementMessage
+    posteriors: Sequence[AgedPosterior] = ()
+    why: str | None = None
+
+
+NO_BASES: Mapping[int, VerdictBasis] = {}
+"""By the time of the step, Unix epoch in ns."""
+
+
+@dataclass(slots=True)
+class NearestMiss:
+    """The step at which the movement begun at `began_ns` came nearest to a verdict: its label's `p`, what it lacked."""
+
+    began_ns: int = 0
+    p: float = -1.0
+    why: str | None = None
+
+
+@dataclass(slots=True)
+class LastObserved:
+    """The last step, if an observer counted in it."""
+
+    state: PooledState
+    basis: VerdictBasis
+
+
+def build_verdict(
+    basis: JudgementMessage,
+    end: JudgementMessage,
+    facets: PublishedFacets | None,
+    decision: MovementDecision,
+    why: str | None,
+    contributions: Mapping[str, Contribution] | None,
+    verdict_id: str,
+    stamp: Stamp,
+) -> VerdictMessage:
+    """The verdict for `decision`: posterior and votes are those of `basis`, the facing that of `end`."""
+    fields = {name: getattr(basis, name) for name in JudgementMessage.model_fields}
+    fields |= {"facets": facets or None, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
+    fields |= {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
+    fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
+    fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
+    fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
+    fields |= {"repetitions": decision.repetitions}
+    return VerdictMessage.model_validate(fields)
+
+
+def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, stamp: Stamp) -> VerdictMessage:
+    """`verdict` once more, as the end of its movement."""
+    fields = {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
+    fields |= {"epoch": stamp.epoch, "session": stamp.session, "same_as": same_as}
+    return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
+
+
+def progress_of(message: OngoingMovement | VerdictMessage) -> MovementProgress:
+    """The inverse of `JudgementBuilder.ongoing`."""
+    if message.label is None or message.decided_ns is None:
+        return MovementProgress(message.began_ns)
+    decision = MovementDecision(message.label, message.began_ns, message.decided_ns, revises=message.revises)
+    return MovementProgress(message.began_ns, decision)
+
+
+def contributions(case: PoolingCase, label: int | None) -> dict[str, Contribution]:
+    """The contribution to the answer `label`, in nats of log odds, of each observer whose posterior is pooled.
+
+    label: index in the vocabulary; None for the likeliest answer, which may be "something else".
+    """
+    pooled = pool_posteriors(case).answers
+    answer = int(pooled.argmax()) if label is None else label
+    log_odds = _log_odds(pooled, answer)
+    used = [n for n, posterior in enumerate(case.posteriors) if posterior.state in POOLED_STATES]
+    if len(case.posteriors) > 1:
+        cases = [replace(case, posteriors=[*case.posteriors[:n], *case.posteriors[n + 1 :]]) for n in used]
+        without_each = [pool.answers for pool in pool_many(cases)]
+    else:
+        without_each = [case.prior] * len(used)
+    result = {}
+    for n, answers in zip(used, without_each, strict=True):
+        if len(answers) < len(pooled):
+            # Only this observer publishes `unlearned`: without it, something else is as likely as any movement.
+            answers = np.append(answers * (1 - 1 / len(pooled)), 1 / len(pooled))
+        without = _log_odds(answers, answer)
+        result[case.posteriors[n].observer] = Contribution(nats=log_odds - without, stands=without > 0)
+    return result
+
+
+def _log_odds(answers: Floats, answer: int) -> float:
+    """Nats, of an answer against the likeliest other one."""
+    others = answers.tolist()
+    own = others.pop(answer)
+    return math.log(max(own, SMALLEST)) - math.log(max(*others, SMALLEST))
+
+
+def explain_undecided(
+    state: PooledState, observers: int, held_s: float | None, moved_s: float, config: FusionConfig
+) -> str | None:
+    """What the likeliest label lacks for a verdict; None if it lacks nothing. At most WHY_LIMIT characters.
+
+    observers: how many have a vote that counts. held_s: seconds for which the label has met threshold and quorum
+    without a break; None while it does not. moved_s: seconds since the movement began.
+
+    Examples: "wave 59 % of the 60 % needed; 13 % something else", "2 of 3 observers needed vote for wave",
+    "wave for 0.1 of 0.2 s".
+    """
+    if observers == 0:
+        return NO_OBSERVERS
+    lacks, is_likely = [], state.p >= config.threshold
+    if not is_likely:
+        lacks.append(f"{state.label} {_percent(state.p)} of the {_demand(config.threshold)} needed")
+    if state.agreeing < config.quorum:
+        lacks.append(_votes(state.label if is_likely else "it", state.agreeing, observers, config.quorum))
+    if not lacks:
+        lacks.append(_duration(state.label, held_s or 0.0, moved_s, config.hold_s))
+    elif not is_likely and state.unlearned >= 0.01:
+        lacks.insert(0 if state.unlearned > state.p else len(lacks), f"{_percent(state.unlearned)} something else")
+    return "; ".join(lacks)[:WHY_LIMIT] or None
+
+
+@cache
+def _demand(threshold: float) -> str:
+    """Written once: it takes as long as the rest of the sentence."""
+    return f"{100 * threshold:g} %"
+
+
+def why_contested(why: str | None, rests: bool) -> str:
+    """The same while two observers contradict each other about rest, and nothing tells which of them is wrong.
+
+    rests: the person rested when they last agreed, so that no label is wanted.
+    """
+    return CONTESTED_REST if why is None or rests else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
+
+
+def why_waiting(missing: Sequence[str]) -> str:
+    """Which observers of the roster have not begun."""
+    more = len(missing) - NAMES_LIMIT
+    return f"waiting for {', '.join(missing[:NAMES_LIMIT])}{f' and {more} more' if more > 0 else ''} to begin"
+
+
+def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:
+    if observers < quorum:
+        return f"{observers} of {quorum} observers needed {'is' if observers == 1 else 'are'} counted"
+    if agreeing == 0:
+        return f"no observer votes for {label}, {quorum} needed"
+    vote = "votes" if agreeing == 1 else "vote"
+    return f"{agreeing} of {quorum} observers needed {vote} for {label}"
+
+
+def _duration(label: str, held_s: float, moved_s: float, hold_s: float) -> str:
+    """The label has not held for long enough, or the whole movement has not lasted for long enough; "" if both have."""
+    if held_s < hold_s:
+        return f"{label} for {_seconds(held_s)} of {hold_s:g} s"
+    return f"moving for {_seconds(moved_s)} of {hold_s:g} s" if moved_s < hold_s else ""
+
+
+def _percent(p: float) -> str:
+    """Rounded down: what is below a threshold must not look as if it had reached it."""
+    return f"{math.floor(100 * p + ROUND_OFF)} %"
+
+
+def _seconds(seconds: float) -> str:
+    return f"{math.floor(10 * seconds + ROUND_OFF) / 10:.1f}"
