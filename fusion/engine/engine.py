@@ -13,13 +13,12 @@ from common.config_sections import FusionConfig
 from common.message_types import LAST_INTEGER
 from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.clocks import Clocks
 from fusion.engine.label_trust import LabelTrust
 from fusion.engine.messages import DoubtedObservers, JudgementBuilder, PublishedFacets, Stamp, published_facets
-from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
+from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
-from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster import AgedPosterior, Clocks, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
@@ -36,9 +35,6 @@ from fusion.engine.verdicts import (
     why_contested,
     why_waiting,
 )
-
-FACETS_NS = SECOND_NS // 5
-"""Between verdicts facets are pooled this seldom: people read them, and observers send new ones 10 times a second."""
 
 
 @dataclass(slots=True)

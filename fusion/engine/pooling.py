@@ -28,6 +28,8 @@ from fusion.engine.weighing import ObserverTrust, RuleResult
 FACING = "facing"
 FACETS_LIMIT = 32
 """Facets that are pooled at most, so that invented names cost no time."""
+FACETS_NS = SECOND_NS // 5
+"""Between verdicts facets are pooled this seldom: people read them, and observers send new ones 10 times a second."""
 NOT_POOLED: Floats = np.empty(0)  # keeps the place of a facet among the others
 
 

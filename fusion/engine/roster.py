@@ -3,7 +3,7 @@
 The design: fusion.md, "The roster".
 
 1. A posterior is cumulative, so only the newest by capture time is kept; two are never multiplied. Capture times are
-   by the fusion machine's clock, as far as the observer's clock is known (clocks.py).
+   by the fusion machine's clock, as far as the observer's clock is known (9 to 12).
 2. A restarted observer begins a new session, which counts at once; late messages of its past sessions do not. These
    come within seconds. If only a past session is received for more than `drop_s`, it counts again, so that no single
    faulty or forged message silences an observer for good. If a past session goes on beside the new one, two processes
@@ -21,76 +21,37 @@ The design: fusion.md, "The roster".
    visible body part restores it. Both k multiply.
 8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
    One older than `drop_s`, as from a capture that is played again, neither replaces a newer one nor keeps one away.
+9. An observer's stamps are corrected by its measured skew, unless the skew is within the measurement's uncertainty.
+10. No message is sent after it arrives. One whose corrected stamp lies in the future counts as sent on arrival, so that
+   the age of its frame is the difference of its own two stamps. A clock an hour ahead does not look fresh for ever.
+11. Two messages are not sent at the same time. If the second is not stamped later than the first, that clock stands
+   still or was set back, and every message counts as sent on arrival until the clock is read again.
+12. A capture time after the sending time contradicts itself: the frame counts as captured when the message was sent.
 """
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from common import SECOND_NS
+from common.clock_skew import ClockReading, ClockSkew
 from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
-from common.probability import Floats, Surprise, array_of, entropy_bits, normalise, temper, uniform
+from common.probability import Floats, array_of, entropy_bits, normalise, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, freshness_after
-from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap, steady_enough
-from fusion.engine.roster_entry import NO_FACETS, RosterEntry
+from fusion.engine.aged_posterior import NO_FACETS, NO_RECORD, RosterEntry, faded, freshness_after
+from fusion.engine.aged_posterior import POOLED_STATES as POOLED_STATES
+from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
+from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
+from fusion.engine.reliability import overlap_of, steadiness_after_overlap, steady_enough
 
-POOLED_STATES = ("counted", "stale")
-"""Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
+IGNORED_SKEW_NS = 5_000_000
+"""5 ms: a smaller skew is not corrected. It is less than a frame, and measurements over a network are no more exact."""
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
-
-
-@dataclass(frozen=True, slots=True)
-class ObserverRecord:
-    """Facts about an observer that are not in its messages; fields as in AgedPosterior."""
-
-    skew_s: float | None = None
-    reliability: float = 1.0
-    correlations: Mapping[str, float] = field(default_factory=dict)
-
-
-NO_RECORD = ObserverRecord()
-
-
-@dataclass(slots=True)
-class AgedPosterior:
-    """One observer's posterior as it is pooled: p (M,), and `rest`, the probability that the person is at rest.
-
-    Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
-    age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
-    unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
-    name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
-    with other observers: learned from verdicts; reliability is also lower for an observer that contradicts itself
-    (reliability.py). freshness: k of rules 3 and 7, 0 to 1. repetitions: as published.
-    """
-
-    observer: str
-    p: Floats
-    rest: float
-    age_s: float | None
-    state: VoteState
-    skew_s: float | None = None
-    unlearned: float | None = None
-    surprise: Surprise | None = None
-    facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    reliability: float = 1.0
-    correlations: Mapping[str, float] = field(default_factory=dict)
-    freshness: float = 1.0
-    repetitions: float | None = None
-
-    @property
-    def information(self) -> float:
-        """Information about the movement, not faded, 0 to 1; computed only when it is used."""
-        p, unlearned, freshness = self.p, self.unlearned, self.freshness
-        if 0.0 < freshness < 1.0:
-            p = temper(self.p, uniform(len(p)), 1.0 / freshness)
-            unlearned = None if unlearned is None else faded_unlearned(self.p, unlearned, 1.0 / freshness)
-        return information_of(p.tolist(), unlearned)
 
 
 class Roster:
@@ -224,19 +185,7 @@ class Roster:
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
             record.reliability * steadiness, record.correlations, freshness, message.repetitions,
         )  # fmt: skip
-        return fresh if freshness == 1.0 else self._faded(fresh)
-
-    def _faded(self, posterior: AgedPosterior) -> AgedPosterior:
-        """The posterior faded by its `freshness` (rules 3 and 7)."""
-        freshness, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
-        return replace(
-            posterior,
-            p=temper(posterior.p, self.prior, freshness),
-            state="stale",
-            unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, freshness),
-            surprise=None if surprise is None else faded_surprise(surprise, freshness),
-            facets={name: faded_facet(facet, freshness) for name, facet in posterior.facets.items()},
-        )
+        return fresh if freshness == 1.0 else faded(fresh, self.prior)
 
     def _unused(
         self, observer: str, vote_state: VoteState, age_s: float | None, rest: float, record: ObserverRecord
@@ -273,3 +222,72 @@ def _sees_person(message: PosteriorMessage) -> bool:
 def _relative_entropy(p: Floats) -> float:
     """Entropy over its maximum: the rest of an observer that does not publish rest."""
     return float(entropy_bits(p)) / math.log2(len(p))
+
+
+@dataclass(slots=True)
+class _ObserverClock:
+    """What is known of one observer's clock.
+
+    correction_ns: what is subtracted from its stamps (rule 9). session, seq, sent_ns: of the last message that was
+    used. doubtful: the clock stood still or was set back since it was read (rule 11).
+    """
+
+    skew: ClockSkew = field(default_factory=ClockSkew)
+    correction_ns: int = 0
+    session: str = ""
+    seq: int = -1
+    sent_ns: int = 0
+    doubtful: bool = False
+
+    def precedes(self, message: PosteriorMessage) -> bool:
+        """Whether `message` is a later one of the same session; only those show how the clock runs (rule 11)."""
+        return message.session == self.session and message.seq > self.seq
+
+
+class Clocks:
+    """The clocks of the observers of one scene. Observers of other names are ignored."""
+
+    def __init__(self, observers: list[str]) -> None:
+        self._clocks = {observer: _ObserverClock() for observer in observers}
+
+    def record_reading(self, observer: str, reading: ClockReading) -> None:
+        """Take a reading of an observer's clock, which ends a doubt about it (rule 11)."""
+        if observer in self._clocks:
+            clock = self._clocks[observer]
+            clock.skew.note(reading)
+            clock.correction_ns, clock.doubtful = _correction_ns(clock.skew.best), False
+
+    def skew_s(self, observer: str) -> float | None:
+        """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
+        return self._clocks[observer].skew.skew_s if observer in self._clocks else None
+
+    def captured_ns(self, observer: str, message: PosteriorMessage, now_ns: int) -> int:
+        """The capture time, by our clock, of the newest frame in `message`, which arrived at `now_ns`.
+
+        Not later than `now_ns`; as stamped if the observer is not one of the scene.
+        """
+        clock = self._clocks.get(observer)
+        if clock is None:
+            return message.captured_ns
+        captured_ns, sent_ns = message.captured_ns, message.sent_ns
+        if captured_ns > sent_ns:
+            captured_ns = sent_ns
+        latest_ns = now_ns - (sent_ns - captured_ns)
+        if clock.doubtful or (sent_ns <= clock.sent_ns and clock.precedes(message)):
+            return latest_ns
+        captured_ns -= clock.correction_ns
+        return captured_ns if captured_ns < latest_ns else latest_ns
+
+    def record_message(self, observer: str, message: PosteriorMessage) -> None:
+        """Remember the stamps of a message that was used, to compare the next one's with."""
+        clock = self._clocks[observer]
+        if message.sent_ns <= clock.sent_ns and clock.precedes(message):
+            clock.doubtful = True
+        clock.session, clock.seq, clock.sent_ns = message.session, message.seq, message.sent_ns
+
+
+def _correction_ns(reading: ClockReading | None) -> int:
+    """The skew, or 0 if it is no larger than the uncertainty of the measurement (rule 9)."""
+    if reading is None or abs(reading.skew_ns) <= max(reading.doubt_ns, IGNORED_SKEW_NS):
+        return 0
+    return reading.skew_ns

@@ -14,9 +14,9 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import Facing
 from common.vocabulary import Vocabulary
+from fusion.engine.aged_posterior import SESSIONS_LIMIT
 from fusion.engine.reliability import steadiness_after_overlap, steady_enough
 from fusion.engine.roster import ObserverRecord, Roster
-from fusion.engine.roster_entry import SESSIONS_LIMIT
 
 OTHER_VOCABULARY = Vocabulary(("bow", "punch", "lunge"))
 CONFIG = FusionConfig(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)

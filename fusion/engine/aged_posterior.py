@@ -1,0 +1,151 @@
+"""One observer's newest posterior: what is known of it, and how it fades with its age. Pure.
+
+freshness: the exponent k of p <- (p/prior)^k prior, 1 (unchanged) to 0 (the prior), as in common/probability.py:temper;
+rules 3 and 7 of roster.py.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from common.messages import PosteriorMessage, VoteState
+from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
+from fusion.engine.reliability import information_of
+
+POOLED_STATES = ("counted", "stale")
+"""Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
+SESSIONS_LIMIT = 64
+"""Past sessions that are remembered per observer."""
+TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
+"""Reasons for which a correct message is not used."""
+NO_FACETS: Mapping[str, Sequence[float]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class ObserverRecord:
+    """Facts about an observer that are not in its messages; fields as in AgedPosterior."""
+
+    skew_s: float | None = None
+    reliability: float = 1.0
+    correlations: Mapping[str, float] = field(default_factory=dict)
+
+
+NO_RECORD = ObserverRecord()
+
+
+@dataclass(slots=True)
+class AgedPosterior:
+    """One observer's posterior as it is pooled: p (M,), and `rest`, the probability that the person is at rest.
+
+    Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
+    age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
+    unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
+    name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
+    with other observers: learned from verdicts; reliability is also lower for an observer that contradicts itself
+    (reliability.py). freshness: k of rules 3 and 7, 0 to 1. repetitions: as published.
+    """
+
+    observer: str
+    p: Floats
+    rest: float
+    age_s: float | None
+    state: VoteState
+    skew_s: float | None = None
+    unlearned: float | None = None
+    surprise: Surprise | None = None
+    facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    reliability: float = 1.0
+    correlations: Mapping[str, float] = field(default_factory=dict)
+    freshness: float = 1.0
+    repetitions: float | None = None
+
+    @property
+    def information(self) -> float:
+        """Information about the movement, not faded, 0 to 1; computed only when it is used."""
+        p, unlearned, freshness = self.p, self.unlearned, self.freshness
+        if 0.0 < freshness < 1.0:
+            p = temper(self.p, uniform(len(p)), 1.0 / freshness)
+            unlearned = None if unlearned is None else faded_unlearned(self.p, unlearned, 1.0 / freshness)
+        return information_of(p.tolist(), unlearned)
+
+
+@dataclass(slots=True)
+class RosterEntry:
+    """One observer's newest message, and what follows from it; computed once per message instead of once per step.
+
+    p, rest, surprise, facets: as in AgedPosterior while fresh. steadiness: above 0 to 1; steady_enough: the share of
+    the largest steadiness that counts as full (reliability.py, rule 6). session_ns: when its session began here.
+    captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part.
+    fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
+    last message. All times by our clock, Unix epoch.
+    """
+
+    past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
+    message: PosteriorMessage | None = None
+    p: Floats = field(default_factory=lambda: np.empty(0))
+    rest: float = 1.0
+    surprise: Surprise | None = None
+    facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    steadiness: float = 1.0
+    steady_enough: float = 1.0
+    session_ns: int = 0
+    captured_ns: int = 0
+    received_ns: int = 0
+    visible_ns: int = 0
+    gone: bool = False
+    fault: VoteState | None = None
+    rejected: Counter[str] = field(default_factory=Counter)
+
+    def begin_session(self, message: PosteriorMessage, now_ns: int, captured_ns: int) -> None:
+        """Begin the session of `message`, which is not the newest yet."""
+        if self.message is not None:
+            self.past_sessions.append(self.message.session)
+        if message.session in self.past_sessions:
+            self.past_sessions.remove(message.session)
+        self.session_ns, self.visible_ns, self.steadiness = now_ns, captured_ns, 1.0
+
+    def count_rejected(self, reason: str) -> None:
+        """Count a message that was not used."""
+        self.rejected[reason] += 1
+        if reason not in TIMING_REASONS:
+            self.fault = "foreign" if reason == "foreign_vocabulary" else "invalid"
+
+
+def faded(posterior: AgedPosterior, prior: Floats) -> AgedPosterior:
+    """The posterior faded by its `freshness` (rules 3 and 7)."""
+    freshness, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
+    return replace(
+        posterior,
+        p=temper(posterior.p, prior, freshness),
+        state="stale",
+        unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, freshness),
+        surprise=None if surprise is None else faded_surprise(surprise, freshness),
+        facets={name: faded_facet(facet, freshness) for name, facet in posterior.facets.items()},
+    )
+
+
+def freshness_after(seconds: float, constant_s: float) -> float:
+    """The freshness after fading for so long with this time constant; 1 before the fading begins."""
+    return 1.0 if seconds <= 0.0 else math.exp(-seconds / constant_s)
+
+
+def faded_unlearned(p: Floats, unlearned: float, freshness: float) -> float:
+    """`unlearned` after the posterior over all M+1 answers has faded; p (M,)."""
+    answers = np.append(p * (1.0 - unlearned), unlearned)
+    return float(temper(answers, uniform(len(answers)), freshness)[-1])
+
+
+def faded_surprise(surprise: Surprise, freshness: float) -> Surprise:
+    """(M, K) P(facing | movement)^freshness, encoded again so that the vote carries it as it was pooled."""
+    return encode_facing(normalise(decode_facing(surprise) ** freshness))
+
+
+def faded_facet(facet: Sequence[float], freshness: float) -> Sequence[float]:
+    """(V,) a facet of V values, which fades towards the uniform distribution."""
+    if len(facet) < 2:
+        return facet
+    faded: list[float] = temper(np.array(facet), uniform(len(facet)), freshness).tolist()
+    return faded
