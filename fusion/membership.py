@@ -22,11 +22,9 @@ from common.vocabulary import Vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.ownership import Ownership, Role
-from fusion.same_id import SameIdWatch
-from fusion.same_id_detection import SameIdDetector, Stance
+from fusion.same_id import SameIdDetector, SameIdWatch, Stance
 from fusion.scene_worker import SceneWorker, Service
-from fusion.standby import HandoverRequest, StandbyListener
-from fusion.vocabulary_lookup import VocabularyLookup
+from fusion.standby import HandoverRequest, StandbyListener, VocabularyLookup
 
 log = logging.getLogger("labanmesh.fusion")
 STEPS_MISSED = 2.5

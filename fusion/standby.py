@@ -1,4 +1,4 @@
-"""Messages from the other fusion services of a scene, and requests for a handover."""
+"""What a fusion service asks of others: messages of other services, a handover, the vocabulary of the observers."""
 
 import logging
 from collections.abc import Iterator
@@ -6,16 +6,19 @@ from collections.abc import Iterator
 from pydantic import ValidationError
 
 from common.config import Scene
+from common.errors import LabanmeshError
 from common.link import Link
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.vocabulary import Vocabulary
-from common.wire import BadMessage, check_vocabulary, decode_from
+from common.wire import BadMessage, check_vocabulary, decode, decode_from, require_fits
 from common.zenoh_settings import MAX_MESSAGE_BYTES
 from fusion.checkpoint import Checkpoint
+from fusion.scene_worker import Service
 
 log = logging.getLogger("labanmesh.fusion")
 HANDOVER_TIMEOUT_S = 1.0
 """An owner that does not answer a handover request for this long is assumed to publish no more."""
+VOCABULARY_TIMEOUT_S = 1.0
 DECODE_EVERY_S = 1.0
 """A listener that only keeps the last messages decodes one judgement per second; the others count as heartbeats."""
 
@@ -126,4 +129,46 @@ class HandoverRequest:
 
     def close(self) -> None:
         """Stop waiting for an answer."""
+        self._session.close()
+
+
+class VocabularyLookup:
+    """Asks the observers of a scene for their vocabulary; the first usable answer counts.
+
+    It asks when an observer appears, so that a film of a second is not over before fusion begins, and again every
+    VOCABULARY_TIMEOUT_S.
+    """
+
+    def __init__(self, scene: Scene, service: Service) -> None:
+        self._scene, self._ticks = scene, service.ticks
+        self._session = service.link.sub_session(polled=True)
+        self._present = self._session.presence(
+            scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
+        )
+        self._asked: frozenset[str] = frozenset()
+        self._payloads: list[bytes] = []
+        self._asked_s = float("-inf")
+
+    def poll(self, digest: str | None = None) -> Vocabulary | None:
+        """The vocabulary, once an observer has answered; asks when it is due. digest: its hash; None: any."""
+        self._session.poll()
+        payloads, self._payloads = self._payloads, []
+        for payload in payloads:
+            try:
+                vocabulary = decode(VocabularyMessage, payload).vocabulary
+                if digest in (None, vocabulary.digest):
+                    require_fits(self._scene, vocabulary)
+                    return vocabulary
+            except LabanmeshError as error:
+                log.warning("a vocabulary that cannot be used: %s", error)
+        present = self._present.alive
+        if present - self._asked or self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
+            self._asked_s, self._asked = self._ticks(), present
+            self._session.request(
+                self._scene.keys.vocabulary, lambda _, payload: self._payloads.append(payload), VOCABULARY_TIMEOUT_S
+            )
+        return None
+
+    def close(self) -> None:
+        """Stop asking."""
         self._session.close()

@@ -9,7 +9,8 @@ from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase, facing_deg, pool_many, pool_posteriors
 from fusion.engine.reliability import steadiness_after
 from fusion.engine.roster import AgedPosterior
-from fusion.engine.rules import DEFAULT_RULE, Rule, get_rule
+from fusion.engine.rules import DEFAULT_RULE, get_rule
+from fusion.engine.weighing import Rule
 from fusion.vocabulary_change import ObservedVocabularies
 
 # fmt: off

@@ -22,8 +22,7 @@ import numpy as np
 from common import SECOND_NS
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.rules import Rule
-from fusion.engine.weighing import ObserverTrust, RuleResult
+from fusion.engine.weighing import ObserverTrust, Rule, RuleResult
 
 FACING = "facing"
 FACETS_LIMIT = 32

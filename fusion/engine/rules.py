@@ -15,7 +15,6 @@ ICASSP 2003.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,37 +22,7 @@ from common.fusion_rules import DEFAULT_RULE as DEFAULT_RULE
 from common.fusion_rules import rule_name
 from common.probability import SMALLEST, Floats, entropy_bits, softmax
 from fusion.engine.guarded_product import guarded_product, guarded_weights
-from fusion.engine.weighing import ENTROPY_FLOOR_BITS, ObserverTrust, PoolingWeights, RuleResult
-
-Weigh = Callable[[Floats, Floats, ObserverTrust], PoolingWeights]
-"""p (N, M), prior (M,), trust -> the weights of N observers."""
-Mix = Callable[[Floats, Floats, PoolingWeights], Floats]
-"""cells (N, M, K), summing to 1 per observer, prior (M,), weights -> (M, K)."""
-PoolMovements = Callable[[Floats, Floats, ObserverTrust], RuleResult]
-"""p (..., N, M), prior (M,), trust -> the pooled p (..., M) and weights (..., N): both steps at once."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rule:
-    """A named way to pool p (N, M) with prior (M,).
-
-    pool_movements: both steps for movements alone, if there is a quicker way; it takes leading axes, and pools many
-    scenes to the same bits as each alone.
-    """
-
-    name: str
-    weigh: Weigh
-    mix: Mix
-    pool_movements: PoolMovements | None = None
-
-    def pool(self, p: Floats, prior: Floats, trust: ObserverTrust | None = None) -> RuleResult:
-        """The pooled posterior and the weights; p has leading axes only if there is `pool_movements`."""
-        trust = trust or ObserverTrust.unknown(p.shape[-2])
-        if self.pool_movements is not None:
-            return self.pool_movements(p, prior, trust)
-        weighed = self.weigh(p, prior, trust)
-        return RuleResult(self.mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
-
+from fusion.engine.weighing import ENTROPY_FLOOR_BITS, ObserverTrust, PoolingWeights, Rule, Weigh
 
 # Weights
 

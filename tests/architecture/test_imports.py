@@ -42,7 +42,7 @@ IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
         "fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker fusion.server "
-        "fusion.standby fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.watch "
+        "fusion.standby hub.capture hub.dashboard.pictures hub.session hub.watch "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
         "labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
     ),

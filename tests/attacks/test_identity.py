@@ -77,7 +77,7 @@ def test_a_message_under_the_id_of_a_fusion_service_does_not_stop_it(stage, long
         attacker.put(scene.keys.fusion_status(last.fusion), encode(status))
         stage.await_judgements(0.1)
     forged_ns = time.time_ns()
-    # A service younger than YOUNG_S (fusion/same_id_detection.py) waits for answers, and the standby service may lead.
+    # A service younger than YOUNG_S (fusion/same_id.py) waits for answers, and the standby service may lead.
     until(lambda: (now := stage.witness.last(scene.scene)).session[0] != "~" and now.at_ns > forged_ns)
     if long_form:
         gaps = stage.gaps(since_ns)

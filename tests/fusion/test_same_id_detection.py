@@ -2,7 +2,7 @@
 
 import pytest
 
-from fusion.same_id_detection import (
+from fusion.same_id import (
     ANSWERS,
     ASK_EVERY_S,
     LAPSE_S,

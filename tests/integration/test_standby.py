@@ -249,7 +249,7 @@ def test_a_late_joiner_gets_the_last_verdicts_from_any_leader(stage):
 
 
 def test_a_service_whose_id_is_taken_does_not_start(stage, monkeypatch):
-    monkeypatch.setattr("fusion.same_id_detection.ASK_EVERY_S", 0.05)
+    monkeypatch.setattr("fusion.same_id.ASK_EVERY_S", 0.05)
     stage.begin("a")
     stage.judgement(lambda j: j.fusion == "a")
     with pytest.raises(SameIdError, match="alive already; stop it, or give this one an id of its own"):
@@ -330,7 +330,7 @@ def test_a_clock_that_is_set_back_within_a_movement_changes_no_verdict(stage, mo
 
 def test_of_two_processes_with_one_id_that_start_together_one_ends(stage, monkeypatch):
     monkeypatch.setattr("fusion.same_id.IdCheck.is_free", lambda *_: True)
-    monkeypatch.setattr("fusion.same_id_detection.ASK_EVERY_S", 0.05)
+    monkeypatch.setattr("fusion.same_id.ASK_EVERY_S", 0.05)
     stage.lone()
     stage.begin("a")
     stage.begin("a2", own="a")
@@ -424,7 +424,7 @@ def test_after_a_split_the_owner_says_once_which_ids_were_one_movement_that_has_
 
 def test_of_two_processes_with_one_id_that_stand_by_one_ends_before_it_is_too_late(stage, monkeypatch):
     monkeypatch.setattr("fusion.same_id.IdCheck.is_free", lambda *_: True)
-    monkeypatch.setattr("fusion.same_id_detection.ASK_EVERY_S", 0.05)
+    monkeypatch.setattr("fusion.same_id.ASK_EVERY_S", 0.05)
     stage.begin("a")
     stage.judgement(lambda j: j.fusion == "a")
     stage.begin("b")
