@@ -81,8 +81,7 @@ def _model_and_inputs(
     if is_untaught(scene, observer):
         return None, open_inputs(scene, observer, None, health.record_camera)
     model = read_model(scene.model_file(observer))
-    parts, fewer = model.header.body_parts, model.FEWER_PARTS
-    return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=fewer)
+    return model, open_inputs(scene, observer, model.header.body_parts, health.record_camera, fewer_parts=True)
 
 
 def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":

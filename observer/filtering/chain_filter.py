@@ -78,8 +78,6 @@ class ChainFilter:
         self._still_frames = 0
         # The posterior is read several times per frame, and is a sum over all active mass.
         self._posterior: Floats | None = None
-        self.predictive_log_likelihood: Floats = np.zeros(movements)
-        """(M,) log P(last frame | earlier frames, movement m)."""
 
     @property
     def posterior(self) -> Floats:
@@ -138,7 +136,6 @@ class ChainFilter:
         self._active *= np.float32(1 - doubt)
         self._after *= 1 - doubt
         self._past *= 1 - doubt
-        self.predictive_log_likelihood[:] = 0.0
 
     def _cells(self, of_chains: NDArray[np.floating]) -> Floats:
         cell_of = self._cell_of if self._live is None else self._cell_of[self._live]
@@ -170,7 +167,6 @@ class ChainFilter:
         self._active[: len(self._entering)] += np.float32(mass) * self._entering
 
     def _condition(self, evidence: Evidence) -> None:
-        predicted = self._movement_mass()
         likelihood, log_scale = evidence.chains(self._live, len(self._active))
         log_after = evidence.after.ravel()
         top = max(log_scale, evidence.rest, log_after.max())
@@ -180,19 +176,11 @@ class ChainFilter:
         of_rest = np.exp(np.maximum(log_after - top, FLOOR))
         self._after *= of_rest
         self._past *= of_rest
-        with np.errstate(divide="ignore", invalid="ignore"):
-            mass = self._movement_mass()
-            log_likelihood = np.log(mass / predicted) + top
-        self.predictive_log_likelihood = np.where(np.isfinite(log_likelihood), log_likelihood, FLOOR)
-        total = float(mass.sum()) + self._before
+        total = float(self._active.sum() + self._after.sum()) + self._before
         self._active /= np.float32(total)
         self._before /= total
         self._after /= total
         self._past /= total
-
-    def _movement_mass(self) -> Floats:
-        mass: Floats = (self._cells(self._active.sum(axis=0)) + self._after).reshape(self._shape).sum(axis=1)
-        return mass
 
     def _drop_negligible(self) -> None:
         if not self._negligible:

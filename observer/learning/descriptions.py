@@ -104,17 +104,11 @@ def describe_vocabulary(header: "Header") -> str:
 
 
 def _calibration(header: "Header") -> str:
-    from observer.model.posterior_calibration import CAUTIOUS
+    from observer.model.posterior_calibration import PosteriorCalibration, at_least_cautious
 
     calibration = header.calibration
-    if calibration.learned_only:
+    if calibration == PosteriorCalibration():
         return "and weighed by that"
-    # A `phase` model that knows "something else" has no predictive statistics, however well it was evaluated.
-    cautious = (
-        calibration.temperature >= CAUTIOUS.temperature
-        and calibration.doubt >= CAUTIOUS.doubt
-        and not calibration.likelihood_statistics
-        and header.background is None
-    )
+    cautious = calibration == at_least_cautious(calibration)
     reason = ", cautiously: other people may do it otherwise" if cautious else ""
     return f"temperature {calibration.temperature:.1f}, doubt {calibration.doubt:.2g}{reason}"

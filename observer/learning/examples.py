@@ -97,23 +97,3 @@ def _with_parts(recording: Recording, archive: MotionArchive, body_parts: tuple[
         )
     rows = [archive.body_parts.index(part) for part in body_parts]
     return replace(recording, positions=recording.positions[:, rows])
-
-
-def streams_apart(
-    streams: Sequence[Stream], learned: Sequence[Example], left_out: Sequence[Example]
-) -> Iterator[Stream]:
-    """The streams from which a model may learn that is to judge the examples `left_out`; learned: its examples.
-
-    Streams of a person whose examples are all left out are left out too. From other streams the spans of the examples
-    left out are cut out, so that a stream may become several.
-    """
-    people = {e.subject for e in left_out} - {e.subject for e in learned}
-    gone = {(e.subject, e.trial, e.movement) for e in left_out}
-    for stream in streams:
-        if stream.subject not in people:
-            yield from _without_examples(stream, gone)
-
-
-def _without_examples(stream: Stream, gone: set[tuple[str, str, int]]) -> Iterator[Stream]:
-    """gone: subject, trial and movement of the examples whose spans are cut out."""
-    return stream.without(lambda span: (stream.subject, span.trial, span.movement) in gone)

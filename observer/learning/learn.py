@@ -5,17 +5,14 @@ posteriors.
 """
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.placement import PersonPlacement
 from observer.geometry.views import View
-from observer.learning.examples import ExampleView, streams_apart
+from observer.learning.examples import ExampleView
 from observer.learning.folds import at_all_facings, fewer_folds, folds_by_person, folds_by_recording
 from observer.model.base import (
     Example,
@@ -24,15 +21,13 @@ from observer.model.base import (
     MovementModel,
     Onset,
     Stream,
-    WithBackground,
-    end_movement,
     learned_from,
     with_features,
 )
-from observer.model.cross_validation import CrossValidates, CrossValidation, LearnedFromOthers, judged_as
+from observer.model.cross_validation import CrossValidates, CrossValidation, judged_as
 from observer.model.even_spread import evenly_spread
 from observer.model.parameters import facings_in
-from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
+from observer.model.posterior_calibration import HeldOutResult, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (
     MotionArchive,
@@ -138,7 +133,7 @@ def _background_labels(
     model: type[MovementModel], background: MotionArchive, vocabulary: Vocabulary
 ) -> tuple[str, ...]:
     """The labels of the background; raises BadInput for a model that cannot use it, and for labels to be learned."""
-    if not issubclass(model, WithBackground):
+    if not issubclass(model, LearnsStreams):
         raise BadInput(f"model {model.kind}: learns no background; leave it out, or take --model {DEFAULT_MODEL}")
     labels = labels_of(background)
     for label in labels:
@@ -151,6 +146,10 @@ def _background_labels(
 
 MOST_EVALUATED = 240
 """Examples that are evaluated; more hardly change the few numbers that are fitted."""
+MOST_WATCHED = 60
+"""The same for a kind that evaluates a whole fold at once."""
+EVALUATED_AT = (0.6, 1.0)
+"""Shares of a movement after which such a kind is evaluated: about where verdicts are decided, and at the end."""
 
 
 def with_calibration(
@@ -161,34 +160,37 @@ def with_calibration(
 ) -> MovementModel:
     """The same model with its calibration, estimated by leaving out one person at a time.
 
-    A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and also learns
-    from the results.
+    A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and learns from
+    the results how sure it may be.
 
     If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
     nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
     provenance count the evaluated examples.
     """
-    others = _cross_validate(kind, model, examples, streams)
-    calibration = others.calibration
-    if calibration is None:
-        calibration = fit_calibration(others.results, model.header.vocabulary.size)
-        if folds_by_person(examples) is None:
-            calibration = at_least_cautious(calibration)
-    counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
-    if others.strange_named is not None:
-        counts["strange_named"] = f"{others.strange_named:.2f}"
-    counts["held_out"] = json.dumps(judged_as(others.results, model.header.vocabulary))
-    header = replace(
-        model.header,
-        calibration=calibration,
-        provenance={**model.header.provenance, **counts},
-    )
-    arrays = {**model.arrays(), **others.arrays} if others.arrays else model.arrays()
-    return kind.from_arrays(header, arrays)
-
-
-MOST_WATCHED = 60
-"""The same for a kind that evaluates a whole fold at once."""
+    header, arrays, counts = model.header, model.arrays(), dict[str, str]()
+    front = [e for e in examples if e.facing == 0]
+    by_person = folds_by_person(front)
+    folds = by_person or folds_by_recording(front)
+    if isinstance(model, CrossValidates):
+        share = MOST_WATCHED / len(examples)
+        watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
+        folds = at_all_facings(examples, fewer_folds(front, folds))
+        others = model.cross_validated(CrossValidation(examples, streams, folds, watched, EVALUATED_AT))
+        results, calibration = others.results, header.calibration
+        arrays = {**arrays, **others.arrays} if others.arrays else arrays
+        if others.strange_named is not None:
+            counts["strange_named"] = f"{others.strange_named:.2f}"
+    else:
+        # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
+        parameters = {name: 1.0 if name == "facings" else value for name, value in header.parameters.items()}
+        of_one_facing = replace(header, parameters=parameters)
+        results = [result for fold in folds for result in _evaluate_fold(kind, of_one_facing, front, fold)]
+        calibration = fit_calibration(results)
+        calibration = calibration if by_person else at_least_cautious(calibration)
+    counts |= {"tried": str(len(results)), "right": str(right_count(results))}
+    counts["held_out"] = json.dumps(judged_as(results, header.vocabulary))
+    provenance = {**header.provenance, **counts}
+    return kind.from_arrays(replace(header, calibration=calibration, provenance=provenance), arrays)
 
 
 def right_count(results: Sequence[HeldOutResult]) -> int:
@@ -196,80 +198,16 @@ def right_count(results: Sequence[HeldOutResult]) -> int:
     return sum(int(r.posteriors[-1].argmax()) == r.truth for r in results)
 
 
-CALIBRATED_AT = (0.6, 1.0)
-"""Shares of a movement after which a model that learns from streams is calibrated: about where verdicts are decided,
-and at the end."""
-
-
-def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
-    """The model's posterior for an example that it has not learned, at the example's end.
-
-    Of a model that learns from streams the posterior is that over the movements alone, after CALIBRATED_AT of the
-    example: such a model has learned by itself how likely something else is.
-    """
-    watch = model.watch(Onset(known=True, length=len(example.tracks)))
-    movements = model.header.vocabulary.size
-    truth = example.movement if example.movement >= 0 else movements
-    if not isinstance(model, LearnsStreams):
-        for tracks in example.tracks:
-            watch.update(tracks)
-        return HeldOutResult(truth, answer_posterior(watch).sum(axis=1)[None], watch.predictive_log_likelihood)
-    posteriors = []
-    stops = [max(math.ceil(share * len(example.tracks)), 1) for share in CALIBRATED_AT]
-    for number, tracks in enumerate(example.tracks, 1):
-        watch.update(tracks)
-        if number == len(example.tracks):
-            end_movement(watch)
-        posteriors += [watch.p] * stops.count(number)
-    return HeldOutResult(truth, np.array(posteriors), None)
-
-
-def _cross_validate(
-    kind: type[MovementModel],
-    model: MovementModel,
-    examples: Sequence[Example],
-    streams: Sequence[Stream],
-) -> LearnedFromOthers:
-    """The results of held-out examples, and what was learned from them."""
-    header = model.header
-    front = [e for e in examples if e.facing == 0]
-    folds = folds_by_person(front) or folds_by_recording(front)
-    if isinstance(model, CrossValidates):
-        share = MOST_WATCHED / len(examples)
-        watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
-        folds = at_all_facings(examples, fewer_folds(front, folds))
-        return model.cross_validated(CrossValidation(examples, streams, folds, watched, CALIBRATED_AT))
-    # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
-    streams = [s for s in streams if s.facing == 0]
-    if "facings" in header.parameters:
-        header = replace(header, parameters={**header.parameters, "facings": 1.0})
-    results = [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
-    return LearnedFromOthers(results)
-
-
 def _evaluate_fold(
-    kind: type[MovementModel],
-    header: Header,
-    examples: Sequence[Example],
-    streams: Sequence[Stream],
-    fold: Sequence[int],
+    kind: type[MovementModel], header: Header, examples: Sequence[Example], fold: Sequence[int]
 ) -> Iterator[HeldOutResult]:
     """Results by a model of all other examples; with many examples only a share of the fold is evaluated."""
     left_out, share = set(fold), MOST_EVALUATED / len(examples)
-    others = [e for n, e in enumerate(examples) if n not in left_out]
-    model = learned_from(kind, header, others, list(streams_apart(streams, others, [examples[n] for n in fold])))
+    model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left_out])
     for n in fold:
         # Evenly spread whatever the order: every second example could always be of the same movements.
-        if evenly_spread(n) < share and (examples[n].movement >= 0 or not isinstance(model, LearnsStreams)):
-            unaware = _without_movement(model, examples[n].movement)
-            if unaware is not None:
-                yield evaluate_example(unaware, examples[n])
-
-
-def _without_movement(model: MovementModel, movement: int) -> MovementModel | None:
-    """The model that may evaluate an example: for a background movement, one that has learned from others only."""
-    if movement >= 0:
-        return model
-    if isinstance(model, WithBackground) and len(model.header.background or ()) > 1:
-        return model.without_background(-1 - movement)
-    return None
+        if evenly_spread(n) < share:
+            watch = model.watch(Onset(known=True, length=len(examples[n].tracks)))
+            for tracks in examples[n].tracks:
+                watch.update(tracks)
+            yield HeldOutResult(examples[n].movement, watch.p[None])

@@ -151,14 +151,6 @@ class Watch(Protocol):
         return None
 
     @property
-    def predictive_log_likelihood(self) -> Floats | None:
-        """(M,) mean over the frames since the last rest of log P(frame | earlier frames, movement), nats.
-
-        None before the first movement, and for a model that predicts no observations.
-        """
-        return None
-
-    @property
     def unlearned(self) -> Floats | None:
         """(K,) P(something else, facing), K = 1 without facings; None for a model that does not know something else."""
         return None
@@ -175,41 +167,19 @@ class Watch(Protocol):
     def update(self, tracks: Tracks) -> None:
         """Take in one frame at the model's rate."""
 
-
-@runtime_checkable
-class NoticesEnd(Protocol):
-    """The additional method of a Watch that judges an ended movement better than one in progress."""
+    def pass_over(self, tracks: Tracks) -> None:
+        """Take in one frame whose posterior nobody reads, because another one follows at once."""
+        self.update(tracks)
 
     def end(self) -> None:
         """There are no more frames: the movement in progress has ended with the last one."""
-
-
-def end_movement(watch: Watch) -> None:
-    """Tell the watch that the recording has ended, if it can use that."""
-    if isinstance(watch, NoticesEnd):
-        watch.end()
-
-
-@runtime_checkable
-class PassesOver(Protocol):
-    """The additional method of a Watch that saves work on frames whose posterior nobody reads."""
-
-    def pass_over(self, tracks: Tracks) -> None:
-        """Take in one frame that another one follows at once."""
-
-
-def take_in(watch: Watch, tracks: Tracks, passed: bool) -> None:
-    """Update the watch. passed: nobody reads the posterior of this frame."""
-    if passed and isinstance(watch, PassesOver):
-        watch.pass_over(tracks)
-    else:
-        watch.update(tracks)
+        return
 
 
 class MovementModel(Protocol):
     """Learns movements from examples, and watches a person for them.
 
-    A model that can also learn from movements outside its vocabulary has the methods of `WithBackground` too.
+    A model that also learns what is none of its movements has the methods of `LearnsStreams` too.
 
     To add a model: one file with such a class and one line in registry.py; tests/contracts/test_models.py checks it.
     """
@@ -217,8 +187,6 @@ class MovementModel(Protocol):
     kind: ClassVar[str]
     PARAMETERS: ClassVar[Mapping[str, Parameter]]
     """The model's parameters, by name."""
-    FEWER_PARTS: ClassVar[bool]
-    """Whether it may watch a person of whom the tracker finds only some of the model's body parts."""
 
     @property
     def header(self) -> Header:
@@ -240,16 +208,8 @@ class MovementModel(Protocol):
 
 
 @runtime_checkable
-class WithBackground(Protocol):
-    """The additional method of a model that also learns from background examples."""
-
-    def without_background(self, gone: int) -> MovementModel:
-        """The same model without one movement of the background, given by its place in the header's."""
-
-
-@runtime_checkable
 class LearnsStreams(Protocol):
-    """The additional method of a kind of model that also learns from streams, mostly to know something else."""
+    """The additional method of a kind that knows something else, from a background of other movements and streams."""
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from observer.features import groups_of
 from observer.filtering.phase_filter import FLOOR
-from observer.model.even_spread import evenly_spread
 from observer.tracks import Floats, Floats32, Integers
 
 
@@ -53,25 +52,6 @@ def complete_chains(chains: Floats, movement_of: Integers) -> Floats:
             hole &= count == 0
         result[chain][hole] = 0.0
     return result
-
-
-def blend_pairs(movement_of: Integers, facing_of: Integers) -> tuple[Integers, Integers]:
-    """(C,) and (C,) -> (B,) and (B,) indices: pairs of chains of different movements at the same facing; deterministic.
-
-    The mean of such a pair is neither movement, and so an example of "something else". With several facings only every
-    second chain of each facing is paired; the others are paired at the neighbouring facings.
-    """
-    several = len(facing_of) > 0 and facing_of.max() > 0
-    ones: list[int] = []
-    others: list[int] = []
-    for facing in np.unique(facing_of):
-        here = np.flatnonzero(facing_of == facing)
-        for place, one in enumerate(here):
-            different = here[movement_of[here] != movement_of[one]]
-            if len(different) and not (several and (place + facing) % 2):
-                ones.append(int(one))
-                others.append(int(different[int(evenly_spread(place) * len(different))]))
-    return np.array(ones, dtype=np.int64), np.array(others, dtype=np.int64)
 
 
 class Postures:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 from common.vocabulary import Vocabulary
 from observer.model.base import Arrays, Example, Header, Stream
-from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
+from observer.model.posterior_calibration import HeldOutResult
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +33,11 @@ class CrossValidation:
 class LearnedFromOthers:
     """The outcome of a cross-validation: the held-out results, and the arrays by name with which they come about.
 
-    calibration: the model's, where the kind of model determines it; None: it is fitted to the results. strange_named:
-    the share of movements that the model does not know which it would name; None if unknown.
+    strange_named: the share of movements that the model does not know which it would name; None if unknown.
     """
 
     results: list[HeldOutResult]
     arrays: Arrays = field(default_factory=dict)
-    calibration: PosteriorCalibration | None = None
     strange_named: float | None = None
 
 
@@ -52,13 +50,11 @@ class CrossValidates(Protocol):
 
 
 def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:
-    """For each movement, as what its left-out examples were recognised, and how often; "" is something else."""
+    """For each movement, as what its left-out examples were recognised, and how often."""
     table: dict[str, Counter[str]] = {}
-    labels = (*vocabulary.labels, "")
     for result in results:
-        if result.truth < vocabulary.size:
-            judged = labels[min(int(result.posteriors[-1].argmax()), vocabulary.size)]
-            table.setdefault(labels[result.truth], Counter())[judged] += 1
+        judged = vocabulary.labels[int(result.posteriors[-1].argmax())]
+        table.setdefault(vocabulary.labels[result.truth], Counter())[judged] += 1
     return {label: dict(counts) for label, counts in table.items()}
 
 

@@ -169,7 +169,7 @@ def held_out_results(
     for own in by_example.values():
         at = [min(own, key=lambda w: abs(min(w.progress, 2.0) - (share if share < 1 else 2.0))) for share in shares]
         p, _ = stacker.judge(Instants.of([one.instant for one in at]))
-        results.append(HeldOutResult(own[0].truth, p, None))
+        results.append(HeldOutResult(own[0].truth, p))
     ended = [one for own in by_example.values() for one in own if math.isinf(one.progress)]
     if not ended or ended[0].instant.members.shape[-1] < 3:
         return stacker, results, None

@@ -84,10 +84,9 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
             f"{path}: model kind {document['kind']!r} is unknown; known: {known}; {_learn_again(path, text)}"
         )
     kind, header = MODELS[document["kind"]], _header_from(document)
-    earlier = {name: p.earlier for name, p in kind.PARAMETERS.items() if p.earlier is not None}
     # Parameters that only earlier versions had are left out.
     own = {name: value for name, value in header.parameters.items() if name in kind.PARAMETERS}
-    header = replace(header, parameters={**earlier, **own})
+    header = replace(header, parameters=own)
     missing = [name for name in kind.PARAMETERS if name not in header.parameters]
     if missing:
         raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")
@@ -161,16 +160,10 @@ def _as_json(header: Header) -> dict[str, Any]:
         "body_parts": list(header.body_parts),
         "parameters": dict(header.parameters),
         "provenance": dict(header.provenance),
-        "certainty": _calibration_as_json(header.calibration),
+        "certainty": asdict(header.calibration),
         **background,
         **placement,
     }
-
-
-def _calibration_as_json(calibration: PosteriorCalibration) -> dict[str, Any]:
-    """All fields; files call the likelihood statistics `foreseen`."""
-    names_in_file = {"likelihood_statistics": "foreseen"}
-    return {names_in_file.get(name, name): value for name, value in asdict(calibration).items()}
 
 
 def _times_as_json(vocabulary: Vocabulary) -> dict[str, Any]:
@@ -192,7 +185,7 @@ def _header_from(document: dict[str, Any]) -> Header:
         body_parts=tuple(document["body_parts"]),
         parameters={name: float(value) for name, value in document["parameters"].items()},
         provenance={name: str(value) for name, value in document["provenance"].items()},
-        calibration=_calibration_from(document.get("certainty", {}), len(words["labels"])),
+        calibration=_calibration_from(document.get("certainty", {})),
         background=tuple(str(label) for label in document["background"]) if "background" in document else None,
         placement=_placement_from(document["placement"]) if "placement" in document else None,
     )
@@ -217,14 +210,9 @@ def _placement_from(document: dict[str, Any]) -> PersonPlacement | None:
     return placement_of(numbers[:3], numbers[3])
 
 
-def _calibration_from(document: dict[str, Any], movements: int) -> PosteriorCalibration:
-    numbers = {name: float(document[name]) for name in ("temperature", "doubt", "unlike", "slope") if name in document}
-    statistics = tuple((float(mean), float(spread)) for mean, spread in document.get("foreseen", ()))
-    calibration = PosteriorCalibration(
-        **numbers, likelihood_statistics=statistics, learned_only=bool(document.get("learned_only", False))
-    )
-    finite = all(math.isfinite(number) for number in (*numbers.values(), *(n for pair in statistics for n in pair)))
-    spreads_fit = len(statistics) in (0, movements) and all(spread > 0 for _, spread in statistics)
-    if not (finite and spreads_fit and calibration.temperature > 0 and 0 <= calibration.doubt <= 1):
+def _calibration_from(document: dict[str, Any]) -> PosteriorCalibration:
+    calibration = PosteriorCalibration(**{n: float(document[n]) for n in ("temperature", "doubt") if n in document})
+    # NaN fails every comparison.
+    if not (0 < calibration.temperature < math.inf and 0 <= calibration.doubt <= 1):
         raise ValueError("certainty holds numbers outside their ranges")
     return calibration

@@ -37,14 +37,10 @@ MOST_FACINGS = 72
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A model's parameter: its default value and the values that it may have.
-
-    earlier: its value in files of earlier versions, which lack it; None: every file has it.
-    """
+    """A model's parameter: its default value and the values that it may have."""
 
     default: float
     allowed: ParameterRange
-    earlier: float | None = None
 
 
 FACINGS = Parameter(1.0, ParameterRange(1, MOST_FACINGS, whole=True))

@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, with_defaults
@@ -19,14 +20,11 @@ from observer.model.chains import (
     PostureEvidence,
     Postures,
     RestPostures,
-    blend_pairs,
     complete_chains,
     fill_gaps,
     resample_phases,
 )
 from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter
-from observer.model.posterior_calibration import given_learned
-from observer.model.renumbering import indices_of_remaining, without_background_movement
 from observer.tracks import Floats, Tracks
 
 FEWEST_PHASES = 8
@@ -36,7 +34,6 @@ class Phase:
     """Chains (C, Φ, D): Φ postures for each training example and facing; Φ is the examples' median length in 1/15 s."""
 
     kind: ClassVar[str] = "phase"
-    FEWER_PARTS: ClassVar[bool] = True
     # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: PostureReader's max_speed; apart: its
     # hands_weight. outlier: the largest evidence of a frame against a posture, in nats. All chosen by leaving out one
     # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon and settled too.
@@ -48,8 +45,8 @@ class Phase:
         "outlier": Parameter(5.0, POSITIVE),
         "begin": Parameter(0.05, PROBABILITY),
         "forget": Parameter(0.01, PROBABILITY),
-        "abandon": Parameter(0.02, PROBABILITY, earlier=0.0),
-        "settled": Parameter(15.0, POSITIVE, earlier=POSITIVE.high),
+        "abandon": Parameter(0.02, PROBABILITY),
+        "settled": Parameter(15.0, POSITIVE),
         "facings": FACINGS,
     }
 
@@ -60,18 +57,11 @@ class Phase:
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
         self._share = REFERENCE_HZ / header.rate_hz
-        # "Something else" is one more answer, the last.
-        movements, facings = header.vocabulary.size, self.facings
-        self.answers = movements + (header.background is not None)
-        self._cell_of = np.where(movement_of < 0, movements, movement_of) * facings + facing_of
-        if header.background is not None:
-            one, other = blend_pairs(movement_of, facing_of)
-            chains = np.concatenate([chains, (chains[one] + chains[other]) / np.float32(2)])
-            self._cell_of = np.concatenate([self._cell_of, movements * facings + facing_of[one]])
+        self._cell_of = movement_of * self.facings + facing_of
         self._postures = Postures(chains.transpose(1, 2, 0))
         # A person at rest stands as people stood before and after their movements, without moving.
         first, last = without_motion(chains[:, 0]), without_motion(chains[:, -1])
-        self._at_rest = RestPostures(first, last, self._cell_of, (self.answers, facings))
+        self._at_rest = RestPostures(first, last, self._cell_of, (header.vocabulary.size, self.facings))
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -81,11 +71,12 @@ class Phase:
         of the other examples of its movement.
         """
         header = with_defaults(header, cls.PARAMETERS)
-        features = [_features_of(e, header) for e in examples]
+        features = [cls.read(header, e) if e.features is None else e.features for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
-        lengths = [len(f) for f, e in zip(features, examples, strict=True) if e.movement >= 0]
-        phases = max(round(np.median(lengths) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
-        return cls(header, *_chains_of(examples, features, phases))
+        phases = max(round(np.median([*map(len, features)]) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
+        movement_of, facing_of = np.array([(e.movement, e.facing) for e in examples], np.int64).T
+        chains = complete_chains(np.array([resample_phases(f, phases) for f in features]), movement_of)
+        return cls(header, chains.astype(np.float32), movement_of, facing_of)
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -96,6 +87,8 @@ class Phase:
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
         """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64; ValueError if they do not fit."""
+        if header.background is not None:
+            raise BadInput("a phase model with a background, which this version does not have")
         chains = np.asarray(arrays["chains"], np.float32)
         movement_of = np.asarray(arrays["movement_of"], np.int64)
         facing_of = np.asarray(arrays["facing_of"], np.int64)
@@ -106,9 +99,8 @@ class Phase:
             raise ValueError("movement_of and facing_of do not fit the chains")
         if not np.isfinite(chains).all():
             raise ValueError("chains contain NaN or infinity")
-        background = len(header.background or ())
-        if movement_of.min() < -background or movement_of.max() >= header.vocabulary.size:
-            raise ValueError("movement_of is outside the vocabulary and the background")
+        if movement_of.min() < 0 or movement_of.max() >= header.vocabulary.size:
+            raise ValueError("movement_of is outside the vocabulary")
         if facing_of.min() < 0 or facing_of.max() >= header.parameters["facings"]:
             raise ValueError("facing_of is outside the facings")
         return cls(header, chains, movement_of, facing_of)
@@ -117,36 +109,12 @@ class Phase:
         """chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64."""
         return {"chains": self._chains, "movement_of": self._movement_of, "facing_of": self._facing_of}
 
-    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """The same model for a vocabulary with more movements at its end; the examples show only these."""
-        features = [_features_of(e, header) for e in examples]
-        chains, movement_of, facing_of = _chains_of(examples, features, self._chains.shape[1])
-        return type(self)(
-            header,
-            np.concatenate([self._chains, chains]),
-            np.concatenate([self._movement_of, movement_of]),
-            np.concatenate([self._facing_of, facing_of]),
-        )
-
-    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
-        """The same model for a vocabulary of only these movements, in their order."""
-        return self._renumbered(header, indices_of_remaining(self.header, remaining))
-
-    def without_background(self, gone: int) -> Self:
-        """The same model without one movement of the background, given by its place in the header's."""
-        return self._renumbered(*without_background_movement(self.header, gone))
-
-    def _renumbered(self, header: Header, new_index: Mapping[int, int]) -> Self:
-        """Only the chains of these movements, in their own order, with new indices of movements."""
-        chosen = np.isin(self._movement_of, list(new_index))
-        movement_of = np.array([new_index[m] for m in self._movement_of[chosen].tolist()], dtype=np.int64)
-        return type(self)(header, self._chains[chosen], movement_of, self._facing_of[chosen])
-
     def watch(self, onset: Onset) -> "PhaseWatch":
         """Start the filter at rest, or at the first phases if the onset is known."""
         dynamics = chain_dynamics(self.header.parameters, self._share, onset.known)
         phases = self._chains.shape[1]
-        chain_filter = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
+        shape = self.header.vocabulary.size, self.facings
+        chain_filter = ChainFilter(self._cell_of, *shape, phases, dynamics, onset.known)
         return PhaseWatch(self, posture_reader(self.header), chain_filter)
 
     def live_postures(self) -> LivePostures:
@@ -167,40 +135,22 @@ class PhaseWatch(Watch):
     def __init__(self, model: Phase, reader: PostureReader, chain_filter: ChainFilter) -> None:
         self._model, self._reader, self._filter = model, reader, chain_filter
         self._live_postures = model.live_postures()
-        self._rested = False
-        self._movements = model.header.vocabulary.size
-        self._frames, self._log_likelihood = 0, np.zeros(self._movements)
 
     @property
     def p(self) -> Floats:
         """(M,) posterior over movements."""
-        p: Floats = self._learned.sum(axis=1)
+        p: Floats = self._filter.posterior.sum(axis=1)
         return p
 
     @property
     def joint(self) -> Floats | None:
         """(M, K) posterior over movements and facings; None for a model of one facing."""
-        return self._learned if self._model.facings > 1 else None
-
-    @property
-    def unlearned(self) -> Floats | None:
-        """(K,) P(something else, facing); None without a background."""
-        return self._filter.posterior[self._movements] if self._model.answers > self._movements else None
-
-    @property
-    def _learned(self) -> Floats:
-        posterior = self._filter.posterior
-        return posterior if len(posterior) == self._movements else given_learned(posterior)
+        return self._filter.posterior if self._model.facings > 1 else None
 
     @property
     def rest(self) -> float:
         """P(at rest now)."""
         return self._filter.rest
-
-    @property
-    def predictive_log_likelihood(self) -> Floats | None:
-        """(M,) mean predictive log likelihood per frame of the current movement, else of the last; None before any."""
-        return self._log_likelihood / self._frames if self._frames else None
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
@@ -208,33 +158,12 @@ class PhaseWatch(Watch):
 
     def step(self, features: Floats, still: float) -> None:
         """Take in the features (D,) of one frame, NaN where not seen, and P(the person is still)."""
-        if not np.isfinite(features).any():
+        if np.isfinite(features).any():
+            self._filter.step(self._model.evidence(features, self._live_postures), still)
+        else:
             self._filter.step_blind()
-            return
-        self._filter.step(self._model.evidence(features, self._live_postures), still)
-        if self._filter.rest >= 0.5:
-            self._rested = True
-            return
-        if self._rested:
-            self._rested, self._frames, self._log_likelihood = False, 0, np.zeros_like(self._log_likelihood)
-        self._frames += 1
-        self._log_likelihood = self._log_likelihood + self._filter.predictive_log_likelihood[: self._movements]
-
-
-def _chains_of(
-    examples: Sequence[Example], features: Sequence[Floats], phases: int
-) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
-    """Chains (C, Φ, D) of the examples' features (F, D), and their movements and facings (C,)."""
-    movement_of = np.array([e.movement for e in examples], dtype=np.int64)
-    facing_of = np.array([e.facing for e in examples], dtype=np.int64)
-    chains = np.array([resample_phases(f, phases) for f in features])
-    return complete_chains(chains, movement_of).astype(np.float32), movement_of, facing_of
 
 
 def posture_reader(header: Header) -> PostureReader:
     """The reader of the features, with the model's parameters."""
     return PostureReader(header.body_parts, header.rate_hz, header.parameters["fast"], header.parameters["apart"])
-
-
-def _features_of(example: Example, header: Header) -> Floats:
-    return Phase.read(header, example) if example.features is None else example.features

@@ -16,7 +16,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, with_defaults
-from observer.model.body_trace import EXTENT_S, BodyTrace, width_of
+from observer.model.body_trace import EXTENT_S, BodyTrace, tracks_of, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
@@ -27,14 +27,12 @@ from observer.model.nearest_take import NearestTakes
 from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facings_in
 from observer.model.periodicity import Oscillation
 from observer.model.phase import Phase, posture_reader
-from observer.model.posterior_calibration import PosteriorCalibration
-from observer.model.renumbering import indices_of_remaining, without_background_movement
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.stacked_watch import StackedWatch
 from observer.model.stacker import Stacker, task_of
 from observer.model.stacker_prior import PRIOR
 from observer.model.trailing_features import TrailingFeatures
-from observer.model.training_memory import TrainingMemory
+from observer.model.training_memory import TrainingMemory, trace_in
 from observer.model.training_rows import learned_facings, thin_facings
 from observer.model.training_table import TrainingTable
 from observer.tracks import Floats, Floats32
@@ -51,7 +49,6 @@ class Stacked(LearnsStreams):
     """
 
     kind: ClassVar[str] = "stacked"
-    FEWER_PARTS: ClassVar[bool] = True
     # kernels: features of the segment classifier. inverse_penalty: of all regressions, for segments and for trailing
     # windows. Chosen by leaving out training people (docs/results/notebook.md). seed: of the kernels and of the blends
     # that are drawn at random, to find out how much of a difference is chance.
@@ -60,7 +57,7 @@ class Stacked(LearnsStreams):
         "kernels": Parameter(2500.0, ParameterRange(84, 20_000, whole=True)),
         "inverse_penalty": Parameter(0.01, POSITIVE),
         "trailing_penalty": Parameter(0.005, POSITIVE),
-        "seed": Parameter(0.0, ParameterRange(0.0, whole=True), earlier=0.0),
+        "seed": Parameter(0.0, ParameterRange(0.0, whole=True)),
     }
 
     def __init__(
@@ -143,8 +140,7 @@ class Stacked(LearnsStreams):
         stacker, results, strange = held_out_results(
             PRIOR, _task_of(header, examples, streams), rows, cross_validation.shares
         )
-        calibration = PosteriorCalibration(learned_only=True)
-        return LearnedFromOthers(results, _stacker_arrays(stacker), calibration, strange)
+        return LearnedFromOthers(results, _stacker_arrays(stacker), strange)
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -189,26 +185,14 @@ class Stacked(LearnsStreams):
             **self.memory.as_arrays(),
         }
 
-    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """Learned again with examples of more movements, which are at the end of the header's vocabulary."""
-        split = [_split(header, e) for e in examples]
-        phase = self.phase.grown(_phase_header(header), [p for p, _ in split])
-        shown = thin_facings([d for _, d in split], facings_in(header.parameters))
-        return self._from_memory(header, phase, self.memory.with_examples(shown))
-
-    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
-        """Learned again for a vocabulary of only these movements, in their order."""
-        phase = self.phase.shrunk(_phase_header(header), remaining)
-        return self._from_memory(header, phase, self.memory.renumbered(indices_of_remaining(self.header, remaining)))
-
-    def without_background(self, gone: int) -> Self:
-        """Learned again without one movement of the background, given by its place in the header's."""
-        header, new_index = without_background_movement(self.header, gone)
-        return self._from_memory(header, self.phase, self.memory.renumbered(new_index))
-
-    @classmethod
-    def _from_memory(cls, header: Header, phase: Phase, memory: TrainingMemory) -> Self:
-        return cls._learned(header, phase, memory.examples, memory.streams)
+    def remembered(self, indices: Mapping[int, int]) -> tuple[list[Example], list[Stream]]:
+        """What it was learned from of the movements in `indices`, old to new, with tracks and features."""
+        memory, width = self.memory.renumbered(indices), width_of(len(self.header.body_parts))
+        examples = [replace(e, tracks=tracks_of(trace_in(e)), features=None) for e in memory.examples]
+        read = [self.read(self.header, e)[:, :-width] for e in examples]
+        traces = [np.concatenate([p, trace_in(e)], axis=1) for p, e in zip(read, memory.examples, strict=True)]
+        streams = [replace(s, tracks=tracks_of(trace_in(s))) for s in memory.streams]
+        return [replace(e, features=t) for e, t in zip(examples, traces, strict=True)], streams
 
     @cached_property
     def oscillations(self) -> Mapping[int, Oscillation]:

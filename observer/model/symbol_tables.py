@@ -94,7 +94,6 @@ class FrameTable:
     """
 
     kind: ClassVar[str] = "frame-table"
-    FEWER_PARTS: ClassVar[bool] = True
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "bins": Parameter(8.0, ParameterRange(1, MOST_BINS, whole=True)),
@@ -116,15 +115,6 @@ class FrameTable:
         bins, movements = int(parameters["bins"]), header.vocabulary.size
         table = learn_table(sequences, movements, bins, parameters["smoothing"])
         return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
-
-    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """The same model for a vocabulary with more movements at its end; the examples show only these."""
-        table = type(self).learn(header, examples).log_table[self.header.vocabulary.size :]
-        return type(self)(header, np.concatenate([self.log_table, table]), self.mean_frames)
-
-    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
-        """The same model for a vocabulary of only these movements, in their order."""
-        return type(self)(header, self.log_table[list(remaining)], self.mean_frames)
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:

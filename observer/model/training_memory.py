@@ -50,10 +50,6 @@ class TrainingMemory:
         ]
         return type(self)(tuple(examples), tuple(streams))
 
-    def with_examples(self, examples: Sequence[Example]) -> Self:
-        """These examples too, which have their features."""
-        return type(self)((*self.examples, *(replace(e, tracks=()) for e in examples)), self.streams)
-
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """For a model file."""
         spans = [
@@ -94,11 +90,14 @@ class TrainingMemory:
 
 @runtime_checkable
 class Remembers(Protocol):
-    """The additional property of a model that keeps the traces of all its examples and streams."""
+    """The additional methods of a model that keeps the traces of all its examples and streams."""
 
     @property
     def memory(self) -> TrainingMemory:
         """What it was learned from."""
+
+    def remembered(self, indices: Mapping[int, int]) -> tuple[list[Example], list[Stream]]:
+        """The same of the movements in `indices`, old to new, as it learns from it: with tracks and features."""
 
 
 def trace_in(source: Example | Stream) -> Floats:

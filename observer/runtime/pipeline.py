@@ -21,7 +21,7 @@ from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
-from observer.model.base import MovementModel, Onset, end_movement, take_in
+from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
 from observer.model.posterior_calibration import calibrated_posterior
 from observer.motion.even_rate import INTERVALS, is_bridged, usual_interval_s
@@ -158,7 +158,8 @@ class Observer:
         instants = [self.tracks] if self._resampler is None else self._resampler.update(frame.at_ns, self.tracks)
         for n, tracks in enumerate(instants, 1):
             # An observer that is too slow must not spend on the instants between its frames what it has not.
-            take_in(self.watch, tracks, passed=frame.skipped > 0 and n < len(instants))
+            passed = frame.skipped > 0 and n < len(instants)
+            (self.watch.pass_over if passed else self.watch.update)(tracks)
             if self._facets is not None:
                 self._facets.update(tracks, self.watch.rest)
         self._frames += len(instants)
@@ -177,7 +178,7 @@ class Observer:
         return self._posterior(self.tracks)
 
     def _end(self) -> None:
-        end_movement(self.watch)
+        self.watch.end()
         self._ended = True
 
     def _begin_again(self) -> None:

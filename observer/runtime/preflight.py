@@ -144,7 +144,7 @@ def _check_model(
     lacking = [part for part in header.body_parts if finds and part not in finds]
     if lacking:
         line = lacking_parts(lacking, finds)
-        if model.FEWER_PARTS and len(lacking) < len(header.body_parts):
+        if len(lacking) < len(header.body_parts):
             result.doubts.append(f"{line}; as it is, the model judges by the others")
         else:
             result.faults.append(line)

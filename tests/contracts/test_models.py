@@ -69,14 +69,11 @@ def test_every_posterior_is_a_distribution_and_rest_a_probability(model):
         assert 0 <= posterior.rest <= 1
 
 
-def test_facings_and_predictive_likelihood_fit_the_posterior(model):
+def test_facings_and_something_else_fit_the_posterior(model):
     watch = model.watch(Onset())
     for tracks in view_tracks(DOOR, move("wave", 6), BODY_PARTS, BODY_PARTS):
         watch.update(tracks)
         assert watch.joint is None or watch.joint.sum(axis=1) == pytest.approx(watch.p)
-        assert watch.predictive_log_likelihood is None or (
-            watch.predictive_log_likelihood.shape == (3,) and np.isfinite(watch.predictive_log_likelihood).all()
-        )
         if isinstance(model, LearnsStreams):
             assert watch.unlearned.shape == (1,) and 0 <= watch.unlearned[0] <= 1
         else:
@@ -101,7 +98,7 @@ def whole_body(label, subject):
     return Recording(positions.astype(np.float32), 15.0, label, str(subject), "1")
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if MODELS[kind].FEWER_PARTS])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_model_of_fifteen_parts_works_on_with_hands_and_head(kind):
     people = tuple(whole_body(label, s) for label in VOCABULARY.labels for s in range(4))
     parameters = {"kernels": 336.0} if kind == "stacked" else {}
@@ -160,7 +157,8 @@ def test_a_stored_model_gives_the_same_posteriors(model, tmp_path):
     again = read_model(path)
     assert again.header.vocabulary == VOCABULARY and again.header.view == "door" and again.header.rate_hz == 15.0
     assert (again.header.matrix == model.header.matrix).all() and again.header.provenance == model.header.provenance
-    assert again.header.calibration == model.header.calibration != PosteriorCalibration()
+    assert again.header.calibration == model.header.calibration
+    assert (model.header.calibration == PosteriorCalibration()) is isinstance(model, LearnsStreams)
     onset = Onset(True, 45)
     pairs = zip(watched(model, move("wave", 6), onset), watched(again, move("wave", 6), onset), strict=True)
     assert all(a.p == pytest.approx(b.p, abs=1e-6) and a.unlearned == b.unlearned for a, b in pairs)
@@ -207,15 +205,6 @@ def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
         model.header.parameters[missing] = model.PARAMETERS[missing].default
     with pytest.raises(BadInput, match=f"lacks the parameter '{missing}'; learn it again"):
         read_model(path)
-
-
-def test_a_model_file_of_an_earlier_version_lacks_what_was_added_since(model, tmp_path):
-    added = {name: p.earlier for name, p in model.PARAMETERS.items() if p.earlier is not None}
-    write_model(path := tmp_path / "a.model", model)
-    rewritten(path, lambda document: [document["parameters"].pop(name) for name in added])
-    again = read_model(path)
-    assert again.header.parameters == {**model.header.parameters, **added}
-    assert all(posterior.p.min() >= 0 for posterior in watched(again, move("wave", 6), Onset(True, 45)))
 
 
 def test_an_unknown_model_is_named_with_the_known_ones():

@@ -56,7 +56,7 @@ class BatchSpy(Spy):
 
 
 class SpyWatch:
-    rest, joint, predictive_log_likelihood, unlearned = 0.0, None, None, None
+    rest, joint, unlearned = 0.0, None, None
     p = np.full(2, 0.5)
 
     def __init__(self, model):
@@ -130,7 +130,6 @@ def test_with_one_person_the_fit_is_at_least_cautious():
     shown = examples("a", trials=[str(n) for n in range(20)])
     calibration = calibration_of(header(), shown)
     assert calibration.temperature >= CAUTIOUS.temperature and calibration.doubt >= CAUTIOUS.doubt
-    assert not calibration.likelihood_statistics
 
 
 def test_of_many_examples_only_a_share_is_evaluated():

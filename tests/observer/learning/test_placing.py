@@ -177,13 +177,13 @@ def test_learn_says_where_a_camera_file_expects_the_person(run, scene):
     assert status == 2
 
 
-def test_a_model_of_twelve_facings_has_a_place_only_and_grows_where_it_is(people, scene):
+def test_a_model_of_several_facings_has_a_place_only_and_grows_where_it_is(people, scene):
     archive, view = perform(("1", "2"), ("ok", "shake", "lunging"), trials=1), View("room", camera(0.0))
     few = MotionArchive(PARTS, tuple(r for r in archive.recordings if r.label != "lunging"))
+    parameters = {"facings": 4.0, "kernels": 336.0}
     model = learn_view(
-        few, view, Vocabulary(("ok", "shake")), kind="phase", parameters={"facings": 4.0}, calibrate=False,
-        placement=STANDING,
-    )  # fmt: skip
+        few, view, Vocabulary(("ok", "shake")), parameters=parameters, calibrate=False, placement=STANDING
+    )
     assert model.header.placement == replace(STANDING, facing_deg=0.0)
     assert add_movements(model, archive, view).model.header.placement == model.header.placement
     with rejected("--place", "[0.00, 1.60, 0.00]", "[0.40, 1.50, 1.30]"):

@@ -97,7 +97,7 @@ def test_the_file_contains_facings_and_calibration(calibrated, people, tmp_path)
     write_model(tmp_path / "a.model", calibrated)
     again = read_model(tmp_path / "a.model")
     assert again.header.calibration == calibrated.header.calibration != PosteriorCalibration()
-    assert again.header.parameters["facings"] == 2 and len(again.header.calibration.likelihood_statistics) == 3
+    assert again.header.parameters["facings"] == 2
     assert np.bincount(again.arrays()["facing_of"]).tolist() == [24, 24]
     recording = third(people)[0]
     for one, other in zip(watched(calibrated, recording, 180), watched(again, recording, 180), strict=True):
@@ -115,22 +115,8 @@ def test_a_still_person_is_at_rest_with_any_number_of_facings(model_of, people, 
     assert all(observer.step(frame).rest > 0.5 for frame in frames_of(still))
 
 
-def last_unlearned(posteriors):
-    """The last known P(unlearned), before the person came to rest."""
-    return [posterior.unlearned for posterior in posteriors if posterior.unlearned is not None][-1]
-
-
-def test_an_unlearned_movement_is_more_likely_something_else(calibrated, people):
-    strange = perform(("3",), ("byebye",), trials=2, seed=3).recordings
-    own, other = ([last_unlearned(watched(calibrated, r)) for r in shown] for shown in (third(people), strange))
-    assert np.mean(own) < 1 / 4 < np.mean(other)
-
-
-def test_unlearned_is_unknown_before_the_first_movement(calibrated, people):
-    observer = Observer(ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS), calibrated)
-    still = replace(third(people)[0], positions=np.repeat(third(people)[0].positions[:1], 30, axis=0))
-    posteriors = [observer.step(frame) for frame in frames_of(still)]
-    assert all(posterior.unlearned is None for posterior in posteriors)
+def test_a_phase_model_does_not_know_something_else(calibrated, people):
+    assert all(posterior.unlearned is None for posterior in watched(calibrated, third(people)[0]))
 
 
 @pytest.mark.parametrize("facings", [0, 0.5, 1.5, MOST_FACINGS + 1, -8, math.nan, math.inf])

@@ -301,4 +301,3 @@ def test_each_fold_is_judged_by_a_model_of_the_others_at_any_number_of_facings(h
     judged = [r for r in result.results if r.truth >= 0]
     assert len(judged) == len([n for n in watched if shown[n].movement >= 0])
     assert np.mean([r.posteriors[-1].argmax() == r.truth for r in judged]) > 0.7
-    assert result.calibration.learned_only, "the posterior is used as it is"

@@ -100,7 +100,7 @@ def test_facing_is_sent_only_if_the_scene_knows_the_direction(direction, sent, t
 class CountingWatch:
     """Its posterior is in quarters of its number of frames; after the end, one movement is sure."""
 
-    rest, unlearned, predictive_log_likelihood, joint, p = 0.0, None, None, None, np.array([0.5, 0.5])
+    rest, unlearned, joint, p = 0.0, None, None, np.array([0.5, 0.5])
     repetitions = None
 
     def __init__(self):

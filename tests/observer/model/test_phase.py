@@ -1,0 +1,48 @@
+"""`phase`: the posterior of a learned model is that of the plain phase filter, with its evidence written down here."""
+
+import numpy as np
+import pytest
+from performances import DOOR, recordings_of, watching
+
+from common.vocabulary import Vocabulary
+from observer.features import PostureReader, without_motion
+from observer.filtering.phase_filter import Dynamics, PhaseFilter
+from observer.learning.learn import learn_view
+from observer.model.base import Onset
+from observer.model.chain_dynamics import ENTRY, step_probabilities
+from observer.motion.projected import view_tracks
+from observer.tracks import BODY_PARTS
+from studies.performer import perform
+
+WORDS = Vocabulary(("ok", "shake", "byebye"))
+
+
+def test_the_posterior_is_that_of_the_phase_filter():
+    people = perform(("1", "2", "3"), WORDS.labels, trials=1, seed=1)
+    model = learn_view(recordings_of(people, "12", WORDS.labels), DOOR, WORDS, kind="phase", calibrate=False)
+    arrays, shares = model.arrays(), step_probabilities(15.0 / model.header.rate_hz)
+    chains, answer_of = arrays["chains"].astype(float), arrays["movement_of"]
+    share, parameters = 15.0 / model.header.rate_hz, model.header.parameters
+    rates = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
+    dynamics = Dynamics(shares[None], np.ones(1), np.ones((1, 1)), np.array(ENTRY), *rates)
+    oracle = PhaseFilter(answer_of, chains.shape[1], np.full(3, 1 / 3), dynamics, onset_known=True)
+    reader = PostureReader(BODY_PARTS, model.header.rate_hz, parameters["fast"], parameters["apart"])
+    (shown,) = recordings_of(people, "3", ("byebye",)).recordings
+    frames = iter(view_tracks(DOOR, shown, BODY_PARTS, BODY_PARTS))
+    for n, watch in enumerate(watching(model, shown, Onset(known=True))):
+        if n == 12:
+            break
+        features = reader.update(next(frames))
+        likelihood = np.exp(-share * parameters["sharpness"] * squared(features, chains))
+        log = np.log(likelihood + np.exp(-share * parameters["outlier"]) * likelihood[:, : 4 + 4 * n].max())
+        first, last = (
+            np.exp(-share * parameters["sharpness"] * squared(features, without_motion(chains[:, k]))) for k in (0, -1)
+        )
+        rest = (first.mean() + last.mean()) / 2
+        after = [max(last[answer_of == a].mean(), rest) for a in range(3)]
+        oracle.step(log, float(np.log(rest)), np.log(after), reader.still)
+        assert watch.p == pytest.approx(oracle.p, abs=1e-3) and watch.unlearned is None
+
+
+def squared(features, postures):
+    return (np.where(np.isfinite(features), features - postures, 0.0) ** 2).sum(axis=-1)
