@@ -10,6 +10,7 @@ B and D have Gaussian priors, whose means depend on how much was learned (TASK) 
 small and large tasks (`stacker_prior.py`). A user's own takes move them as far as they are evidence.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
@@ -106,40 +107,34 @@ def instant_of(
 
     None: the begin of the movement is not known, so that the member does not judge.
     """
+    # Once for each instant of a stream, so in few and plain operations.
     movements = len(log_trailing) - 1
-    members = np.zeros((len(MEMBERS), movements))
-    odds = log_trailing[-1] - np.logaddexp.reduce(log_trailing[:-1])
-    members[1] = log_trailing[:-1] - np.logaddexp.reduce(log_trailing[:-1])
+    members, by_movement = np.zeros((len(MEMBERS), movements)), np.zeros((2, movements))
+    learned = np.logaddexp.reduce(log_trailing[:-1])
+    np.subtract(log_trailing[:-1], learned, out=members[1])
     if phase is not None:
-        members[0] = np.log(np.maximum(phase, 1e-300))
+        np.log(np.maximum(phase, 1e-300), out=members[0])
+    known_begin = log_segment is not None
     if log_segment is not None:
-        members[2:4] = log_segment - np.logaddexp.reduce(log_segment, axis=1, keepdims=True)
+        np.subtract(log_segment, np.logaddexp.reduce(log_segment, axis=1, keepdims=True), out=members[2:4])
     np.maximum(members, LOWEST, out=members)
-    far = np.zeros(movements)
     if distances is not None and np.isfinite(distances).any():
         members[4] = -np.minimum(distances, FARTHEST)
-        known = np.isfinite(distances)
-        far[known] = np.log(np.clip(distances[known], 1 / FARTHEST, UNLIKE))
-    known_begin = log_segment is not None
-    context = np.array(
-        [1.0, over, np.log(np.clip(elapsed, 0.1, 3.0)) if known_begin else 0.0, not known_begin, *4 * [0]]
-    )
-    context[4:] = np.where(members[:4].any(axis=1), _entropy(members[:4]), 0.0)
-    small = np.log(np.clip(extents, 0.05, 1.0))
-    agreement = agreement_of(members)
-    return Instants(
-        members,
-        context,
-        np.float64(np.clip(odds, -MOST_ODDS, MOST_ODDS)),  # type: ignore[arg-type]
-        agreement,
-        np.array([far, small]),
-    )
+        far = np.minimum(np.maximum(distances, 1 / FARTHEST), UNLIKE)
+        np.log(far, out=by_movement[0], where=np.isfinite(distances))
+    np.log(np.minimum(np.maximum(extents, 0.05), 1.0), out=by_movement[1])
+    context = np.empty(len(CONTEXT))
+    context[:4] = 1.0, over, math.log(min(max(elapsed, 0.1), 3.0)) if known_begin else 0.0, not known_begin
+    # That of a member that does not judge is 0.
+    context[4:] = _entropy(members[:4])
+    odds = min(max(float(log_trailing[-1] - learned), -MOST_ODDS), MOST_ODDS)
+    return Instants(members, context, np.float64(odds), agreement_of(members), by_movement)  # type: ignore[arg-type]
 
 
 def _entropy(logs: Floats) -> Floats:
     """(..., M) log probabilities -> (...) entropy as a share of ln M."""
     p = np.exp(logs)
-    entropy: Floats = -(p * logs).sum(axis=-1) / max(np.log(logs.shape[-1]), 1.0)
+    entropy: Floats = (p * logs).sum(axis=-1) / -max(math.log(logs.shape[-1]), 1.0)
     return entropy
 
 
@@ -148,8 +143,8 @@ def agreement_of(members: Floats) -> Floats:
 
     0 where the phase filter does not judge.
     """
-    regressions = members[..., 1:4, :].mean(axis=-2)
-    regressions = regressions - np.logaddexp.reduce(regressions, axis=-1)[..., None]
+    regressions = members[..., 1:4, :].sum(axis=-2) / 3
+    regressions -= np.logaddexp.reduce(regressions, axis=-1, keepdims=True)
     judging = members[..., 0, :].any(axis=-1)
     agreement: Floats = np.where(judging, np.logaddexp.reduce(members[..., 0, :] + regressions, axis=-1), 0.0)
     return agreement
@@ -167,7 +162,7 @@ class Stacker:
         weights = instants.context @ self.weights.T
         p = softmax((weights[..., None, :] @ instants.members)[..., 0, :])
         odds = (other_context(instants) @ self.other.T * evidence(instants, p)).sum(axis=-1)
-        return p, 1 / (1 + np.exp(-np.clip(odds, -30, 30)))
+        return p, 1 / (1 + np.exp(np.minimum(np.maximum(-odds, -30.0), 30.0)))
 
 
 def other_context(instants: Instants) -> Floats:
@@ -178,9 +173,11 @@ def other_context(instants: Instants) -> Floats:
 
 def evidence(instants: Instants, p: Floats) -> Floats:
     """(..., M) P(movement) -> (..., G) h."""
-    far, small = np.moveaxis((instants.by_movement * p[..., None, :]).sum(axis=-1), -1, 0)
-    entropy = -(p * np.log(np.maximum(p, 1e-12))).sum(axis=-1) / max(np.log(p.shape[-1]), 1.0)
-    return np.stack([np.ones_like(entropy), instants.odds, far, instants.agreement, entropy, small], axis=-1)
+    result = np.ones((*p.shape[:-1], len(EVIDENCE)))
+    result[..., 1], result[..., 3] = instants.odds, instants.agreement
+    result[..., 2::3] = (instants.by_movement @ p[..., None])[..., 0]
+    result[..., 4] = (p * np.log(np.maximum(p, 1e-12))).sum(axis=-1) / -max(math.log(p.shape[-1]), 1.0)
+    return result
 
 
 def task_of(takes: float, people: float, movements: int, other_s: float) -> Floats:
