@@ -64,20 +64,29 @@ class Postures:
         self._lengths = np.stack([(self._postures[:, groups == g] ** 2).sum(axis=1) for g in range(groups[-1] + 1)])
         self._length = self._lengths.sum(axis=0)
         self._first_of = np.searchsorted(groups, np.arange(groups[-1] + 1))
+        self._chosen: tuple[Postures, Integers] | None = None
+        self._copied = len(postures)
 
     def select(self, chains: Integers) -> "Postures":
-        """The postures of these chains only."""
+        """The postures of these chains only. Those of a phase are copied when it is first reached."""
         selected = object.__new__(Postures)
-        selected._postures = np.ascontiguousarray(self._postures[:, :, chains])
+        selected._postures = np.empty((*self._postures.shape[:2], len(chains)), np.float32)
         selected._lengths, selected._length = self._lengths[:, :, chains], self._length[:, chains]
-        selected._first_of = self._first_of
+        selected._first_of, selected._chosen, selected._copied = self._first_of, (self, chains), 0
         return selected
+
+    def _copy(self, phases: int) -> None:
+        if self._chosen is not None and self._copied < phases:
+            (whole, chains), rows = self._chosen, slice(self._copied, phases)
+            np.take(whole._postures[rows], chains, axis=2, out=self._postures[rows], mode="clip")
+            self._copied = phases
 
     def squared_distances(self, features: Floats, phases: int) -> Floats32:
         """(D,) features, NaN where not seen -> (phases, C) squared distances over what is seen, of the first phases.
 
         |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
         """
+        self._copy(phases)
         known = np.isfinite(features)
         whole = bool(known.all())
         o = (features if whole else np.where(known, features, 0.0)).astype(np.float32)

@@ -14,7 +14,7 @@ distance between the movement's own takes.
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,21 +38,26 @@ and Northwestern-UCLA (.39), 15 parts."""
 class NearestTakes:
     """The takes of the movements. paths: (K, G, 2 P) places since the begin in body sizes, zeros after lengths (K,).
 
-    movements: (K,) indices. scales: (M,) mean distance of each movement's takes from their nearest one.
+    movements: (K,) indices. scales: (M,) mean distance of each movement's takes from their nearest one. hop: every so
+    many-th frame is compared.
     """
 
     paths: Floats32
     lengths: NDArray[np.int64]
     movements: NDArray[np.int64]
     scales: Floats
+    hop: int = 1
     squares: Floats32 = field(init=False)
-    """(K, G) squared lengths of the paths: |x - y|^2 = |x|^2 - 2 x.y + |y|^2, so that a frame costs one product."""
+    """(K, G) mean squares of the paths: |x - y|^2 = |x|^2 - 2 x.y + |y|^2, so that a frame costs one product."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "squares", np.einsum("kgp,kgp->kg", self.paths, self.paths))
+        squares = np.einsum("kgp,kgp->kg", self.paths, self.paths) / np.float32(self.paths.shape[2])
+        object.__setattr__(self, "squares", squares)
 
     @classmethod
-    def of(cls, examples: Sequence[Example], movements: int, scales: Floats | None = None) -> "NearestTakes | None":
+    def of(
+        cls, examples: Sequence[Example], movements: int, scales: Floats | None = None, hop: int = 1
+    ) -> "NearestTakes | None":
         """At most MOST_TAKES of the takes among the examples, whose features are traces.
 
         None for a model of several facings, and for fewer than two takes. scales: as learned earlier; otherwise they
@@ -62,16 +67,16 @@ class NearestTakes:
         if len(takes) < 2 or any(e.facing for e in examples):
             return None
         traces = [e.features.astype(np.float32) for e in takes if e.features is not None]
-        paths = [path_of(trace) for trace in traces]
+        paths = [path_of(trace)[::hop] for trace in traces]
         lengths = np.array([len(path) for path in paths])
         padded = np.zeros((len(paths), int(lengths.max()), paths[0].shape[1]), np.float32)
         for row, path in zip(padded, paths, strict=True):
             row[: len(path)] = path
         shown = np.array([e.movement for e in takes])
         if scales is not None:
-            return cls(padded, lengths, shown, scales)
-        unscaled = cls(padded, lengths, shown, np.ones(movements))
-        return cls(padded, lengths, shown, unscaled._scales(traces))
+            return cls(padded, lengths, shown, scales, hop)
+        unscaled = cls(padded, lengths, shown, np.ones(movements), hop)
+        return replace(unscaled, scales=unscaled._scales(traces))
 
     def _scales(self, traces: Sequence[Floats32]) -> Floats:
         """(M,) by leaving out one take at a time."""
@@ -98,34 +103,42 @@ class NearestTakeWatch:
         """rows: (2 P + 3,) of the trace since the begin."""
         self._takes = takes
         self._begin: Floats32 | None = None
-        self._frames = 0
-        self._costs: Floats = np.full(takes.paths.shape[:2], np.inf)
+        self._seen = 0
+        self._costs: Floats32 = np.full(takes.paths.shape[:2], np.inf, np.float32)
         places = np.arange(takes.paths.shape[1])
         reachable = (places >= COMPARED_FROM * takes.lengths[:, None] - 1) & (places < takes.lengths[:, None])
-        self._unreachable = np.where(reachable, 0.0, np.inf)
-        self._steps = places + 2.0
-        self.distances: Floats = np.full(len(takes.lengths), np.inf)
-        """(K,) mean distance from each take along the best path so far, in body sizes."""
+        self._unreachable = np.where(reachable, np.float32(0.0), np.float32(np.inf))
+        self._steps = (places + 1).astype(np.float32)
         for row in rows:
             self.step(row)
 
     def step(self, row: Floats32) -> None:
         """One more frame: (2 P + 3,) a row of the trace."""
+        self._seen += 1
+        if (self._seen - 1) % self._takes.hop:
+            return
         if self._begin is None:
             self._begin = row[-3:-1]
-        path = row[:-3] + np.tile(row[-3:-1] - self._begin, (len(row) - 3) // 2)
-        squares = self._takes.paths @ (np.float32(-2) * path)
-        squares += self._takes.squares + path @ path
-        cost = np.sqrt(np.maximum(squares, 0.0) / np.float32(len(path)), dtype=np.float64)
-        entered = self._costs + cost
-        np.minimum(entered[:, 1:], self._costs[:, :-1] + 2 * cost[:, 1:], out=entered[:, 1:])
-        if not self._frames:
-            entered[:, 0] = 2 * cost[:, 0]
-        # Within a row, D(j) = min over k <= j of entered(k) + cost(k + 1) + ... + cost(j): a running minimum.
+        path = (row[:-3].reshape(-1, 2) + (row[-3:-1] - self._begin)).ravel()
+        cost = self._takes.paths @ (path * np.float32(-2 / len(path)))
+        cost += self._takes.squares
+        cost += path @ path / np.float32(len(path))
+        np.sqrt(np.maximum(cost, 0.0, out=cost), out=cost)
+        # D(i - 1, j) + d, then D(i - 1, j - 1) + 2 d, both less d.
+        entered = np.minimum(self._costs[:, 1:], self._costs[:, :-1] + cost[:, 1:])
+        # Within a row, D(j) = min over k <= j of entered(k) + cost(k) + ... + cost(j): a running minimum.
         total = np.cumsum(cost, axis=1)
-        self._costs = total + np.minimum.accumulate(entered - total, axis=1)
-        self.distances = (self._costs / (self._steps + self._frames) + self._unreachable).min(axis=1)
-        self._frames += 1
+        self._costs[:, 0] = self._costs[:, 0] if self._seen > 1 else cost[:, 0]
+        self._costs[:, 1:] = entered - total[:, :-1]
+        np.minimum.accumulate(self._costs, axis=1, out=self._costs)
+        self._costs += total
+
+    @property
+    def distances(self) -> Floats:
+        """(K,) mean distance from each take along the best path so far, in body sizes."""
+        compared = np.float32((self._seen - 1) // self._takes.hop + 1)
+        result: Floats = (self._costs / (self._steps + compared) + self._unreachable).min(axis=1).astype(np.float64)
+        return result
 
     @property
     def relative_distances(self) -> Floats:

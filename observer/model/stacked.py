@@ -28,7 +28,7 @@ from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facin
 from observer.model.periodicity import Oscillation
 from observer.model.phase import Phase, posture_reader
 from observer.model.segment_classifier import SegmentClassifier
-from observer.model.stacked_watch import StackedWatch
+from observer.model.stacked_watch import StackedWatch, hop_of
 from observer.model.stacker import Stacker, task_of
 from observer.model.stacker_prior import PRIOR
 from observer.model.trailing_features import TrailingFeatures
@@ -115,7 +115,7 @@ class Stacked(LearnsStreams):
         answers, segments = table.learn(left_out, FEW_ITERATIONS if left_out else ITERATIONS, part)
         gone = set(left_out)
         examples = [e for n, e in enumerate(memory.examples) if n not in gone]
-        takes = NearestTakes.of(examples, header.vocabulary.size)
+        takes = NearestTakes.of(examples, header.vocabulary.size, hop=hop_of(header.rate_hz))
         stacker = PRIOR.stacker(_task_of(header, examples, memory.streams))
         return cls(header, phase, table, answers, segments, takes, memory, stacker)
 
@@ -164,7 +164,8 @@ class Stacked(LearnsStreams):
         scales = np.asarray(arrays["take_scales"], np.float64)
         if scales.shape not in ((0,), (movements,)) or not (np.isfinite(scales) & (scales > 0)).all():
             raise ValueError(f"take_scales are {scales}; {movements} distances are expected")
-        takes = NearestTakes.of(memory.examples, movements, scales) if len(scales) else None
+        hop = hop_of(header.rate_hz)
+        takes = NearestTakes.of(memory.examples, movements, scales, hop) if len(scales) else None
         segments = SegmentClassifier.from_arrays(arrays, movements, parts)
         phase = Phase.from_arrays(_phase_header(header), arrays)
         return cls(header, phase, learned, answers, segments, takes, memory, _stacker_in(arrays))

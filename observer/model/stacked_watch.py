@@ -27,6 +27,11 @@ FORGET_PER_S = 0.15
 """The share of a posterior that returns to the prior in a second without sight."""
 
 
+def hop_of(rate_hz: float) -> int:
+    """Frames from one classification to the next."""
+    return max(round(rate_hz / STEPS_PER_S), 1)
+
+
 class StackedWatch(Watch):
     """Watches one person. The phase filter starts anew at each begin of a segment, with the frames since then."""
 
@@ -44,7 +49,7 @@ class StackedWatch(Watch):
         # Those that the segment and the extent need.
         self._rows: Floats32 = np.zeros((0, width_of(len(header.body_parts))), np.float32)
         self._trailing = model.trailing.watch()
-        self._hop, self._left = max(round(header.rate_hz / STEPS_PER_S), 1), 0
+        self._hop, self._left = hop_of(header.rate_hz), 0
         # Before the first classification there is only the prior, in which something else is one answer of M + 1.
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
         self._answers: Floats = np.append(np.zeros(movements), 1.0)
