@@ -75,13 +75,12 @@ def _model_and_inputs(
     scene: "Scene", observer: str, health: "HealthReporter"
 ) -> tuple["MovementModel | None", "ObserverInputs"]:
     """The model, None for an observer that has not been taught yet, and the inputs that it reads."""
-    from observer.model.model_file import read_model
-    from observer.runtime.scene_inputs import is_untaught, open_inputs
+    from observer.runtime.scene_inputs import open_inputs
+    from observer.teaching.service import model_in_force
 
-    if is_untaught(scene, observer):
-        return None, open_inputs(scene, observer, None, health.record_camera)
-    model = read_model(scene.model_file(observer))
-    return model, open_inputs(scene, observer, model.header.body_parts, health.record_camera, fewer_parts=True)
+    model = model_in_force(scene, observer)
+    parts = None if model is None else model.header.body_parts
+    return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=True)
 
 
 def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":

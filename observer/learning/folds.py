@@ -7,12 +7,11 @@ from dataclasses import replace
 from observer.model.base import Example, recording_numbers
 from observer.motion.archive import MotionArchive
 
-MOST_FOLDS = 3
-"""The most folds into which people are divided for a kind of model that evaluates a whole fold at once."""
-FEW = 40
-"""Up to so many examples of one person one take of each movement is left out each time, in up to MOST_TAKES folds: a
-model of two thirds of five takes is worse than the one that is used."""
-MOST_TAKES = 6
+FEWEST_FOLDS = 3
+"""Of a kind of model that evaluates a whole fold at once, if there are so many people, or takes of each movement."""
+LEARNED_AGAIN = 240
+"""Examples that the models of all folds learn from together, about. Few take little time, and a model of two thirds of
+five takes is worse than the one that is used."""
 
 
 def folds_by_recording(examples: Sequence[Example]) -> list[list[int]]:
@@ -44,9 +43,8 @@ def at_all_facings(examples: Sequence[Example], folds: Sequence[Sequence[int]]) 
 
 
 def fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[list[int]]:
-    """At most MOST_FOLDS, or MOST_TAKES of few takes by one person, unless a movement would then have no example."""
-    one_person = len({e.subject for e in examples if e.movement >= 0}) == 1
-    most = MOST_TAKES if one_person and len(examples) <= FEW else MOST_FOLDS
+    """The fewer the more examples there are, unless a movement would then have no example."""
+    most = max(FEWEST_FOLDS, LEARNED_AGAIN // len(examples))
     merged = [[n for fold in folds[k::most] for n in fold] for k in range(min(most, len(folds)))]
     movements = {e.movement for e in examples if e.movement >= 0}
     for fold in map(set, merged):

@@ -48,21 +48,16 @@ def leans_on(
         traces = [
             own[n].astype(np.float32) for n in np.linspace(0, len(own) - 1, min(len(own), MOST_EXAMPLES)).astype(int)
         ]
-        whole = np.array([_log_p(segments, trace, movement) for trace in traces])
-        lost = {}
-        for region, places in regions.items():
+        shown = list(traces)
+        for places in regions.values():
             columns = [2 * place + axis for place in places for axis in (0, 1)]
-            without = [trace.copy() for trace in traces]
-            for trace in without:
-                trace[:, columns] = usual[columns]
-            nats = float((whole - [_log_p(segments, trace, movement) for trace in without]).mean())
-            lost[region] = round(max(nats, 0.0), 2)
-        result[label] = lost
+            for trace in traces:
+                shown.append(trace.copy())
+                shown[-1][:, columns] = usual[columns]
+        logs = segments.log_posteriors_of(shown)[1, :, movement].reshape(1 + len(regions), -1).mean(axis=1)
+        lost = zip(regions, (logs[0] - logs[1:]).tolist(), strict=True)
+        result[label] = {region: round(max(nats, 0.0), 2) for region, nats in lost}
     return result
-
-
-def _log_p(segments: "SegmentClassifier", trace: Floats32, movement: int) -> float:
-    return float(segments.log_posteriors(trace)[1, movement])
 
 
 LEANS_ON = "leans_on"

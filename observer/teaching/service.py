@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.config import MODELS, Scene
-from common.errors import LabanmeshError
+from common.errors import BadInput, LabanmeshError
 from common.message_types import BodyRegionShares
 from common.subsession import SubSession
 from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest
@@ -27,6 +27,7 @@ from observer.teaching.teaching import Teaching
 from observer.tracks import Frame
 
 if TYPE_CHECKING:
+    from observer.model.base import MovementModel
     from observer.runtime.scene_inputs import ObserverInputs
 
 log = logging.getLogger("labanmesh.observer")
@@ -140,6 +141,27 @@ def why_not(scene: Scene, observer_id: str) -> str:
         way_out = f"make the observer's user its owner, or set {MODELS} to a folder of that user"
         return f"this observer cannot write to {folder}, where its takes and its model belong; {way_out}"
     return ""
+
+
+def model_in_force(scene: Scene, observer_id: str) -> "MovementModel | None":
+    """The observer's model; None while it waits to be taught: it has none yet, or one of another version beside takes.
+
+    Raises BadInput for a model that cannot be read and that nobody can teach anew from takes that lie beside it.
+    """
+    # Imported on use: whoever only asks why not needs neither models nor cameras.
+    from observer.model.model_file import read_model
+    from observer.runtime.scene_inputs import is_untaught
+
+    if is_untaught(scene, observer_id):
+        return None
+    path = scene.model_file(observer_id)
+    try:
+        return read_model(path)
+    except BadInput as error:
+        if why_not(scene, observer_id) or not path.with_name(f"{observer_id}.tracks.npz").exists():
+            raise
+        log.warning("%s; or teach it: its takes lie beside it", error)
+        return None
 
 
 def _clips_of(scene: Scene, observer_id: str) -> Callable[[str], int]:

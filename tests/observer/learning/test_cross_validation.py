@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from common.vocabulary import Vocabulary
+from observer.learning.folds import FEWEST_FOLDS, fewer_folds, folds_by_recording
 from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibration
 from observer.model.base import Example, Header
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
@@ -146,15 +147,16 @@ def test_only_one_facing_is_evaluated():
 
 
 @pytest.mark.parametrize(
-    ("subjects", "left_out"),
+    ("subjects", "trials", "left_out"),
     [
-        pytest.param("abcdef", [{"a", "d"}, {"b", "e"}, {"c", "f"}], id="people"),
-        pytest.param("a", [{("a", "1")}, {("a", "2")}], id="one person: recordings"),
+        pytest.param("abcdef", "1234567", [{"a", "d"}, {"b", "e"}, {"c", "f"}], id="people"),
+        pytest.param("abcdef", "1", [{s} for s in "abcdef"], id="people with few examples"),
+        pytest.param("a", "12", [{("a", "1")}, {("a", "2")}], id="one person: recordings"),
     ],
 )
 @pytest.mark.parametrize("facings", [1, 4, 12])
-def test_a_fold_at_once_is_evaluated_at_all_facings_by_models_that_know_it_at_none(subjects, left_out, facings):
-    shown = examples(subjects, facings=facings)
+def test_a_fold_at_once_is_evaluated_at_all_facings_by_models_that_know_it_at_none(subjects, trials, left_out, facings):
+    shown = examples(subjects, trials, facings)
     with_calibration(BatchSpy, BatchSpy(header(float(facings)), None), shown)
     ((known, seen),) = BatchSpy.SEEN
     assert known == facings and list(seen.examples) == shown
@@ -164,6 +166,14 @@ def test_a_fold_at_once_is_evaluated_at_all_facings_by_models_that_know_it_at_no
     assert sorted(n for fold in seen.folds for n in fold) == list(range(len(shown)))
     watched = [shown[n] for n in seen.watched]
     assert {e.facing for e in watched} == set(range(facings)) and {e.movement for e in watched} == {0, 1}
+
+
+def test_the_folds_become_fewer_with_the_number_of_takes_one_by_one():
+    takes = {n: examples("a", [str(k) for k in range(n)]) for n in range(3, 90)}
+    counts = [len(fewer_folds(shown, folds_by_recording(shown))) for shown in takes.values()]
+    most = counts.index(max(counts))
+    assert counts[: most + 1] == [*takes][: most + 1] and counts[most:] == sorted(counts[most:], reverse=True)
+    assert counts[-1] == FEWEST_FOLDS and min(np.diff(counts[most:])) >= -2
 
 
 def test_of_many_examples_at_many_facings_a_share_is_watched_evenly():

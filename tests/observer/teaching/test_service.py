@@ -13,6 +13,7 @@ import pytest
 import labanmesh
 from common import SECOND_NS
 from common.config import MODELS, read_scene
+from common.errors import BadInput
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import decode, encode
 from observer.model.model_file import read_model
@@ -21,7 +22,7 @@ from observer.runtime.pipeline import Observer, Resampler
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import is_untaught
 from observer.teaching import model_learner, service
-from observer.teaching.service import teachable, why_not
+from observer.teaching.service import model_in_force, teachable, why_not
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
@@ -199,6 +200,18 @@ def test_a_failure_to_learn_is_one_line_and_the_old_model_stays(room, scene):
     assert reply.state == "idle" and "sofa.tracks.npz" in reply.fault and "\n" not in reply.fault
     assert not scene.place("sofa.model").exists()
     assert "not understood" in decode(TeachReply, room.observer.respond(b"\xc1")).fault
+
+
+def test_an_observer_whose_model_cannot_be_read_waits_if_its_takes_lie_beside_it(scene, caplog):
+    assert model_in_force(scene, "sofa") is None
+    scene.place("sofa.model").write_bytes(b"of another version")
+    with pytest.raises(BadInput, match=r"sofa\.model: not a model file"):
+        model_in_force(scene, "sofa")
+    scene.place("sofa.tracks.npz").touch()
+    assert model_in_force(scene, "sofa") is None and "teach it: its takes lie beside it" in caplog.text
+    scene.place("s.toml").write_text('scene = "home"\nvocabulary = ["a", "b"]\nobservers.sofa.source = "0"\n')
+    with pytest.raises(BadInput, match=r"sofa\.model: not a model file"):
+        model_in_force(read_scene(scene.place("s.toml"), {}), "sofa")
 
 
 def test_an_observer_whose_scene_names_a_model_or_a_vocabulary_needs_its_model(tmp_path):
