@@ -128,7 +128,7 @@ def test_a_verdict_of_no_service_that_judges_is_rejected_and_counted(scene, make
         return message.model_copy(update={"fusion": fusion})
 
     forged = [make.verdict(1, session="yesterday"), other("nobody", make.verdict(2, session="s1"))]
-    taken = [make.verdict(3, session="s1"), other("cam1", make.verdict(4, session="s2"))]
+    taken = [make.verdict(3, session="s1"), other("cam1", make.verdict(4, session="s2", label="ok"))]
     standby = (f"{ROOT}/fusion/cam1/status", encode(make.status("cam1", session="s2")))
     arrivals = [
         *pairs(judgement=make.judgement(session="s1")),
