@@ -9,19 +9,17 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
 from fusion.engine.segment_table import Event, State
-from fusion.engine.segment_watch import ANY, OUTAGE_S, RESTING, Step, Watch
+from fusion.engine.segment_watch import ANY, NOTICED_S, OUTAGE_S, RESTING, Step, Watch
 from fusion.engine.segments import PAUSE_S, MovementDecision, MovementProgress, Pause, pauses_of
 
 CARRIED_S = 0.6
 """In a simulation of observers that die, freeze and start, none held the previous label for longer than 0.5 s."""
 REVISIONS_LIMIT = 3
 """Of one movement, so that labels in turn give no endless series of verdicts; wire.md promises it."""
-REVOKED_S = 0.3
-"""Observers call rest "something else" for up to so long, before they notice that the person is still."""
 FADING = 2
 """In multiples of `hold_s`: so long a label has to be unlikely before its movement has ended."""
-NEXT_S, REVISED_S = 0.3, 1.0
-"""Movements of people do not follow one another faster than the first; a premature decision is over by the second."""
+REVISED_S = 1.0
+"""A premature decision is over by then."""
 HIDING_S, ENDING_S = 2.0, 5.0
 """An outage longer than the first can hide a rest and a movement; after one longer than the second the same label is
 another movement."""
@@ -80,10 +78,17 @@ class Conditions:
         if self.decision is None or self.pause is not None or quiet is None or quiet.clear_ns is None:
             return False
         has_faded = at_ns - quiet.since_ns >= FADING * self._hold_ns
-        return at_ns - quiet.clear_ns >= REVOKED_S * SECOND_NS and not has_faded
+        return at_ns - quiet.clear_ns >= NOTICED_S * SECOND_NS and not has_faded
 
     def is_seen(self, step: Step) -> bool:
-        """Whether the decided label is likeliest."""
+        """Whether the decided label is the likeliest one, after the step of the decision."""
+        decision, state = self.decision, step.state
+        if decision is None or state.at_ns <= decision.decided_ns:
+            return False
+        return state.observed and state.label == decision.label
+
+    def is_back(self, step: Step) -> bool:
+        """Whether the decided label is likely enough to go on."""
         return step.state.observed and self._watch.is_seen(step.state, self.decision)
 
     def is_confirmed(self, step: Step) -> bool:
@@ -102,7 +107,7 @@ class Conditions:
         held, movement = self._watch.held, self.movement
         if not self.is_other(step) or movement is None or held is None or held.agreed_ns is None:
             return False
-        return movement.outage_ns is not None or held.agreed_ns - movement.began_ns >= NEXT_S * SECOND_NS
+        return movement.outage_ns is not None or held.agreed_ns - movement.began_ns >= NOTICED_S * SECOND_NS
 
     def is_premature(self, step: Step) -> bool:
         """Whether another label is still held long after the decision (rule 7)."""
@@ -113,18 +118,27 @@ class Conditions:
 
     def is_missed(self, step: Step) -> bool:
         """Whether the person moves, but the movement has not been seen for long enough (rules 5, 7 and 8)."""
-        quiet, state, decision, pause = self._watch.quiet, step.state, self.decision, self.pause
-        if quiet is None or state.rest >= 0.5 or not state.observed:
-            return False
+        decision, pause = self.decision, self.pause
         is_open = decision is not None and self.state is not State.PASSED and decision.revisions < REVISIONS_LIMIT
         if is_open and self.is_other(step):
             return False
         needed_ns = FADING * self._hold_ns
         if pause is not None:
             needed_ns = pause.else_ns
-        elif decision is not None and state.idle:
+        elif decision is not None and step.state.idle:
             needed_ns = max(needed_ns, PAUSE_S * SECOND_NS)
-        return state.at_ns - quiet.since_ns >= needed_ns
+        return self._is_quiet(step, needed_ns)
+
+    def is_moving_on(self, step: Step) -> bool:
+        """Whether a movement is likelier again after something else, and not that of the decided label (rule 7)."""
+        is_idle = step.state.idle or self.pause is not None
+        # Later than when it would be missed: a movement that is missed in this step begins with the next one.
+        return not is_idle and self._is_quiet(step, FADING * self._hold_ns + 1)
+
+    def _is_quiet(self, step: Step, needed_ns: float) -> bool:
+        quiet, state = self._watch.quiet, step.state
+        is_moving = state.observed and state.rest < 0.5
+        return is_moving and quiet is not None and state.at_ns - quiet.since_ns >= needed_ns
 
     def is_rested(self, step: Step) -> bool:
         """Whether rest has lasted for long enough (rules 4, 5 and 8)."""
@@ -151,9 +165,11 @@ GUARDS: Mapping[Event, Callable[[Conditions, Step], bool]] = {
     Event.RESTED: Conditions.is_rested,
     Event.MISSED: Conditions.is_missed,
     Event.SEEN: Conditions.is_seen,
+    Event.RETURNS: Conditions.is_back,
     Event.CONFIRMED: Conditions.is_confirmed,
     Event.NEXT: Conditions.is_next,
     Event.ANOTHER: Conditions.is_other,
+    Event.MOVES_ON: Conditions.is_moving_on,
     Event.PREMATURE: Conditions.is_premature,
     Event.RENAMED: lambda known, _: known.renamed() is not None,
     Event.OUTAGE: lambda _, step: step.gap_ns > OUTAGE_S * SECOND_NS,

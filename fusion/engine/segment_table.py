@@ -17,7 +17,7 @@ class State(Enum):
     LOST = "undecided, and an outage hid how it went on; the person rests"
     DECIDED = "a decided movement goes on"
     PASSED = "decided, and something else, or an outage, was since"
-    UNSEEN = "decided at rest, or by another service, and not seen since"
+    UNSEEN = "decided, here or by another service, and not seen since"
     ENDING = "decided, and the person has come to rest"
     SETTLED = "decided or revised at rest"
 
@@ -31,11 +31,13 @@ class Event(Enum):
     NAMED = "a label may be decided"
     RESTED = "rest has lasted for long enough"
     MISSED = "without rest, it has not been seen for long enough"
-    SEEN = "its label is likeliest"
+    SEEN = "its label is the likeliest one, after the decision"
+    RETURNS = "its label is likely enough again"
     CONFIRMED = "its label is held again after an outage"
     LEFT = "something else is likelier"
     NEXT = "another label is held, since later than the begin"
     ANOTHER = "another label is held"
+    MOVES_ON = "a movement is likelier again, and its label is not"
     PREMATURE = "another label is held, long after the decision"
     RENAMED = "another label, or something else, was held as rest began"
     OUTAGE = "an outage is over"
@@ -59,7 +61,8 @@ class Effect(Enum):
     END = "ended"
     ABSTAIN = "ended: abstain"
     OUTLAST = "ended: when it was seen last"
-    NEXT = "ended; the next begins"
+    NEXT = "ended; the next begins when its label did"
+    NEXT_NOW = "ended; the next begins"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +99,7 @@ TABLE: Mapping[State, tuple[Row, ...]] = {
     State.MOVING: (
         *_UNDECIDED,
         Row(Event.RESTS, State.PAUSED, Effect.REST, 5),
-        Row(Event.NAMED, State.DECIDED, Effect.DECIDE, 2),
+        Row(Event.NAMED, State.UNSEEN, Effect.DECIDE, 2),
         Row(Event.MISSED, State.IDLE, Effect.DROP, 5),
     ),
     State.PAUSED: (*_UNDECIDED, *_RESTING, Row(Event.MOVES_AGAIN, State.MOVING, Effect.NOTHING, 5)),
@@ -117,12 +120,13 @@ TABLE: Mapping[State, tuple[Row, ...]] = {
     State.PASSED: (
         *_DECIDED,
         Row(Event.ANOTHER, State.MOVING, Effect.NEXT, 7),
+        Row(Event.MOVES_ON, State.MOVING, Effect.NEXT_NOW, 7),
         Row(Event.MISSED, State.IDLE, Effect.END, 7),
-        Row(Event.SEEN, State.DECIDED, Effect.NOTHING, 7),
+        Row(Event.RETURNS, State.DECIDED, Effect.NOTHING, 7),
     ),
     State.UNSEEN: (
         *_DECIDED,
-        Row(Event.SEEN, State.DECIDED, Effect.NOTHING, 11),
+        Row(Event.SEEN, State.DECIDED, Effect.NOTHING, 7),
         Row(Event.PREMATURE, State.DECIDED, Effect.REVISE, 7),
         Row(Event.MISSED, State.IDLE, Effect.END, 7),
     ),

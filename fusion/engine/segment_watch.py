@@ -10,8 +10,10 @@ from common.config_sections import FusionConfig
 from fusion.engine.segment_table import State
 from fusion.engine.segments import Heard, HeldLabel, MovementDecision, PooledState, Quiet
 
-BEFORE_S = 0.3
-"""A label held for a shorter time may be of the new movement, if its begin was noticed late (rule 3)."""
+NOTICED_S = 0.3
+"""Observers notice within so long that a movement has begun, has changed or is over: a label that is held for a shorter
+time as one begins may be its own (rule 3), as may one that begins sooner after the begin (rule 7), and something else
+that lasts for less may be rest (rule 6)."""
 OUTAGE_S = 1.0
 """A shorter outage hides no whole movement, nor the whole rest between two (rule 9)."""
 CLEAR_REST = 0.75
@@ -74,7 +76,7 @@ class Watch:
 
     def carried(self, began_ns: int) -> str | None:
         """The label that was held before a movement that begins then (rules 3 and 9)."""
-        held, before_ns = self.held, BEFORE_S * SECOND_NS
+        held, before_ns = self.held, NOTICED_S * SECOND_NS
         since_ns = None if self._heard is None else self._heard.since_ns
         if since_ns is not None and 0 <= began_ns - since_ns < before_ns:
             return ANY
@@ -125,7 +127,7 @@ class Watch:
     def _hold(self, state: PooledState, still: bool) -> None:
         """Take the likeliest label. still: a decided movement rests: posteriors only fade, and the label held stays."""
         held, at_ns = self.held, state.at_ns
-        is_same = held is not None and held.label == state.label and at_ns - held.last_ns <= BEFORE_S * SECOND_NS
+        is_same = held is not None and held.label == state.label and at_ns - held.last_ns <= NOTICED_S * SECOND_NS
         if state.p < self._threshold:
             if held is not None and held.agreed_ns is not None and not still:
                 self.held = held._replace(agreed_ns=None)

@@ -6,18 +6,18 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
 1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is none.
 2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
    without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
-3. A label that was held for BEFORE_S as the movement began is of the one before: posteriors keep it at rest. It is
+3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
    decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
 4. The movement ends when rest has been beyond doubt for `hold_s`, at the time when that rest began. Rest in which
    observers contradict each other ends it after PAUSE_S: one of them may have taken a turn of the movement for rest.
 5. An undecided movement that ends waits up to another `hold_s` for a label that meets the demand but not yet for long
    enough. Without one it is an abstention. One that turns into something else was none, and gets no verdict.
 6. If another label met rule 2 when the person came to rest, it replaces the decided one (a revision): the observers
-   have then seen the whole movement. If something else had been `threshold` likely for REVOKED_S, that is an
+   have then seen the whole movement. If something else had been `threshold` likely for NOTICED_S, that is an
    abstention. A movement is revised at most REVISIONS_LIMIT times; its end repeats the last label.
 7. Without rest, a decided movement also ends when something else has been likelier, or its label neither likeliest nor
    half as likely as demanded, for FADING times `hold_s`; and when another label meets rule 2 that began to do so
-   NEXT_S after the begin, or after something else: the next movement. One that began earlier and still holds REVISED_S
+   NOTICED_S after the begin, or after something else: the next movement. One that began earlier and still holds REVISED_S
    after the decision revises it: that was premature.
 8. A periodic label is one movement for as long as it is repeated: rest and something else end it only after the pause
    of `pauses_of`, when the last repetition was seen. Any other label is a new movement each time.
@@ -167,6 +167,11 @@ class Segmenter(Conditions):
         self._begin(since_ns)
         return ended
 
+    def _begin_next_now(self, step: Step) -> Published:
+        ended = self._end(step, None, None)
+        self._begin(step.state.at_ns)
+        return ended
+
     def _rest(self, step: Step) -> Published:
         quiet, label = self._watch.quiet, ABSTAIN if self.is_revoked(step) else None
         self._watch.rest(step, label, None if self.pause is None or quiet is None else quiet.since_ns)
@@ -255,4 +260,5 @@ EFFECTS: Mapping[Effect, Callable[[Segmenter, Step], Published]] = {
     Effect.ABSTAIN: Segmenter._abstain,
     Effect.OUTLAST: Segmenter._outlast,
     Effect.NEXT: Segmenter._begin_next,
+    Effect.NEXT_NOW: Segmenter._begin_next_now,
 }

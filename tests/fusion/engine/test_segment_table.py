@@ -43,7 +43,7 @@ def reached(state, steps):
 def test_only_a_decided_movement_is_revised_and_only_what_is_published_leaves_it():
     decided = {State.DECIDED, State.PASSED, State.UNSEEN, State.ENDING, State.SETTLED}
     for state, row in ROWS:
-        if row.effect in (Effect.REVISE, Effect.NEXT, Effect.OUTLAST):
+        if row.effect in (Effect.REVISE, Effect.NEXT, Effect.NEXT_NOW, Effect.OUTLAST):
             assert state in decided
         if state in decided and row.state not in decided:
             assert row.effect.value.startswith("ended")
