@@ -207,11 +207,13 @@ class FusionEngine:
             return
         if not isinstance(judgement, VerdictMessage):
             ongoing = judgement.movement
-            movement, outage_ns = (None, None) if ongoing is None else (progress_of(ongoing), ongoing.outage_ns)
+            movement = None if ongoing is None else progress_of(ongoing, judgement.repetitions)
+            outage_ns = None if ongoing is None else ongoing.outage_ns
             self._segmenter.follow(movement, last_capture_ns(judgement), outage_ns)
             self._keep_bases(self._bases)
             return
-        self._segmenter.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
+        progress = None if judgement.ended_ns is not None else progress_of(judgement, judgement.repetitions)
+        self._segmenter.follow(progress, judgement.at_ns)
         self._keep_bases({**self._bases, judgement.decided_ns: VerdictBasis(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
 
@@ -226,7 +228,7 @@ class FusionEngine:
             return False
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return False
-        self._segmenter.follow(progress_of(movement))
+        self._segmenter.follow(progress_of(movement, judgement.repetitions))
         return True
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:

@@ -15,10 +15,10 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
 6. If another label met rule 2 when the person came to rest, it replaces the decided one (a revision): the observers
    have then seen the whole movement. If something else had been `threshold` likely for NOTICED_S, that is an
    abstention. A movement is revised at most REVISIONS_LIMIT times; its end repeats the last label.
-7. Without rest, a decided movement also ends when something else has been likelier, or its label neither likeliest nor
-   half as likely as demanded, for FADING times `hold_s`; and when another label meets rule 2 that began to do so
-   NOTICED_S after the begin, or after something else: the next movement. One that began earlier and still holds REVISED_S
-   after the decision revises it: that was premature.
+7. Without rest, a decided movement also ends when its label has been neither likeliest nor half as likely as demanded
+   for FADING times `hold_s`, or while the person does something else for PAUSE_S; and when another label meets rule 2
+   that began to do so NOTICED_S after the begin, or after something else: the next movement. One that began earlier and
+   still holds REVISED_S after the decision revises it: that was premature.
 8. A periodic label is one movement for as long as it is repeated: rest and something else end it only after the pause
    of `pauses_of`, when the last repetition was seen. Any other label is a new movement each time.
 9. After an outage, in which no posterior was pooled for OUTAGE_S, an undecided movement begins afresh with the next
@@ -138,7 +138,8 @@ class Segmenter(Conditions):
         elif not is_same:
             self.state, self._watch.quiet = State.UNSEEN, None
         if before is not None and is_same:
-            decision = replace(decision, revisions=before.revisions, repetitions=before.repetitions)
+            counts = [count for count in (before.repetitions, decision.repetitions) if count is not None]
+            decision = replace(decision, revisions=before.revisions, repetitions=max(counts, default=None))
         self.movement = replace(followed, decision=decision, outage_ns=outage_ns)
 
     def end_now(self, at_ns: int) -> MovementDecision | None:

@@ -88,11 +88,13 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
     return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
 
 
-def progress_of(message: OngoingMovement | VerdictMessage) -> MovementProgress:
-    """The inverse of `JudgementBuilder.ongoing`."""
+def progress_of(message: OngoingMovement | VerdictMessage, repetitions: int | None = None) -> MovementProgress:
+    """The inverse of `JudgementBuilder.ongoing`. repetitions: of the movement so far."""
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)
-    decision = MovementDecision(message.label, message.began_ns, message.decided_ns, revises=message.revises)
+    decision = MovementDecision(
+        message.label, message.began_ns, message.decided_ns, revises=message.revises, repetitions=repetitions
+    )
     return MovementProgress(message.began_ns, decision)
 
 

@@ -7,7 +7,7 @@
 """
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from common.config import FusionConfig, Scene
 
 NOBODY_LEFT = "--without: no observer would be left; leave out fewer"
-Labels = Mapping[str, tuple[str, ...]]
+Vocabularies = Mapping[str, Vocabulary]
 """The movements of each vocabulary, by its hash."""
 
 
@@ -80,8 +80,8 @@ class JudgementReplay:
     the verdict detector is not in the capture.
     """
 
-    def __init__(self, scene: "Scene", labels: Labels, change: ReplayChange) -> None:
-        self._scene, self._labels, self._change = scene, labels, change
+    def __init__(self, scene: "Scene", vocabularies: Vocabularies, change: ReplayChange) -> None:
+        self._scene, self._vocabularies, self._change = scene, vocabularies, change
         self._engine: FusionEngine | None = None
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
@@ -135,7 +135,7 @@ class JudgementReplay:
 
     def _engine_for(self, judgement: JudgementMessage) -> FusionEngine:
         reference = judgement.vocabulary
-        vocabulary = Vocabulary(labels_of(reference.hash, self._labels), reference.name)
+        vocabulary = replace(vocabulary_of(reference.hash, self._vocabularies), name=reference.name)
         observers = self._change.remaining(judgement.votes)
         if not observers:
             raise BadInput(NOBODY_LEFT)
@@ -199,11 +199,11 @@ def _engine_settings(judgement: JudgementMessage) -> tuple[object, ...]:
     return judgement.rule, judgement.vocabulary, tuple(judgement.votes)
 
 
-def labels_of(digest: str, labels: Labels) -> tuple[str, ...]:
-    """The movements of the vocabulary with that hash; raises LabanmeshError when they are not in the capture."""
-    if digest not in labels:
+def vocabulary_of(digest: str, vocabularies: Vocabularies) -> Vocabulary:
+    """The vocabulary with that hash; raises LabanmeshError when they are not in the capture."""
+    if digest not in vocabularies:
         raise LabanmeshError(
             f"the names of the movements (vocabulary {digest}) are not in the capture: no process answered the request "
             "for them; set `vocabulary` in the scene file and capture again"
         )
-    return labels[digest]
+    return vocabularies[digest]

@@ -7,7 +7,7 @@ apart; the replay itself always gives the same result.
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 from common import SECOND_NS
@@ -28,7 +28,7 @@ from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, decode_from, encode
 from studies.fusion_engine import EngineOutput, FusionEngine, ObservedVocabularies
 from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
-from studies.replay.from_judgements import Gap, JudgementReplay, Labels, ReplayChange, labels_of
+from studies.replay.from_judgements import Gap, JudgementReplay, ReplayChange, Vocabularies, vocabulary_of
 
 if TYPE_CHECKING:
     from common.capture_file import CaptureFile
@@ -64,7 +64,7 @@ def judge_again(
         # The judgements of the last verdicts may be missing at the end of the capture.
         recorded = summary.verdicts[: len(summary.verdicts) - summary.after_last]
     else:
-        outputs = replay_posteriors(capture.records(), capture.scene, summary.labels, change)
+        outputs = replay_posteriors(capture.records(), capture.scene, summary.vocabularies, change)
         replayed = _Replayed(list(_verdict_records(outputs)), gaps=[Gap(0, summary.began_ns)])
         recorded = summary.verdicts
     return ReplayResult(
@@ -86,7 +86,7 @@ class _CaptureSummary:
     judgements is known: that there are some with full votes, or none with short ones.
     """
 
-    labels: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    vocabularies: dict[str, Vocabulary] = field(default_factory=dict)
     verdicts: list[VerdictRecord] = field(default_factory=list)
     records: int = 0
     judgements: int = 0
@@ -114,7 +114,7 @@ def _summarise(capture: "CaptureFile") -> _CaptureSummary:
         summary.began_ns = summary.began_ns or record.arrived_ns
         summary.ended_ns = max(summary.ended_ns, record.arrived_ns)
         if record.key == keys.vocabulary and (message := _decoded(VocabularyMessage, record)):
-            summary.labels |= _labels(message)
+            summary.vocabularies |= _vocabularies(message)
         elif record.kind == "put":
             if record.key == keys.judgement:
                 summary.judgements, summary.after_last = summary.judgements + 1, 0
@@ -132,7 +132,7 @@ def _summarise(capture: "CaptureFile") -> _CaptureSummary:
     summary.full = summary.full or has_votes
     vocabulary = capture.scene.named_vocabulary
     if vocabulary is not None:
-        summary.labels.setdefault(vocabulary.digest, vocabulary.labels)
+        summary.vocabularies.setdefault(vocabulary.digest, vocabulary)
     return summary
 
 
@@ -140,7 +140,7 @@ def _from_judgements(
     capture: "CaptureFile", summary: _CaptureSummary, change: ReplayChange, progress: Progress
 ) -> _Replayed:
     keys, same, number, verdicts = capture.scene.keys, 0, 0, list[VerdictRecord]()
-    replay, last = JudgementReplay(capture.scene, summary.labels, change), None
+    replay, last = JudgementReplay(capture.scene, summary.vocabularies, change), None
     for record in capture.records():
         if record.kind == "put" and record.key in (keys.judgement, keys.votes):
             judgement = _decoded(JudgementMessage, record)
@@ -172,12 +172,11 @@ def _verdict_records(outputs: Iterable[EngineOutput]) -> Iterator[VerdictRecord]
             yield VerdictRecord(verdict, encode(verdict))
 
 
-def _labels(message: VocabularyMessage) -> dict[str, tuple[str, ...]]:
+def _vocabularies(message: VocabularyMessage) -> dict[str, Vocabulary]:
     try:
-        vocabulary = Vocabulary(tuple(message.labels), message.name)
+        return {message.hash: message.vocabulary}
     except LabanmeshError:
         return {}
-    return {vocabulary.digest: vocabulary.labels}
 
 
 def _decoded(kind: type[M], record: CaptureRecord) -> M | None:
@@ -188,12 +187,12 @@ def _decoded(kind: type[M], record: CaptureRecord) -> M | None:
 
 
 def replay_posteriors(
-    records: Iterable[CaptureRecord], scene: "Scene", labels: Labels, change: ReplayChange
+    records: Iterable[CaptureRecord], scene: "Scene", known: Vocabularies, change: ReplayChange
 ) -> Iterator[EngineOutput]:
     """The outputs of an engine that receives the captured posteriors when the capture did."""
     vocabulary = scene.named_vocabulary
     if vocabulary is None:
-        vocabulary = Vocabulary(labels_of(next(iter(labels), "unknown"), labels), scene.vocabulary_name)
+        vocabulary = replace(vocabulary_of(next(iter(known), "unknown"), known), name=scene.vocabulary_name)
     observers = change.remaining(scene.roster)
     config = change.config(scene.fusion, len(observers))
     engine = FusionEngine(scene.scene, list(observers), vocabulary, config)
@@ -203,19 +202,19 @@ def replay_posteriors(
     for group, now_ns in _groups(records, ingest.is_relevant, round(SECOND_NS / config.step_hz), quiet_ns):
         for record in group:
             ingest.add(record, now_ns)
-        ended = [] if scene.named_vocabulary is not None else _follow(engine, ingest.vocabularies, labels, now_ns)
+        ended = [] if scene.named_vocabulary is not None else _follow(engine, ingest.vocabularies, known, now_ns)
         output = engine.step(now_ns)
         yield EngineOutput(output.judgement, [*ended, *output.verdicts]) if ended else output
 
 
 def _follow(
-    engine: FusionEngine, vocabularies: ObservedVocabularies, labels: Labels, now_ns: int
+    engine: FusionEngine, vocabularies: ObservedVocabularies, known: Vocabularies, now_ns: int
 ) -> Sequence[VerdictMessage]:
     """Change to the vocabulary in which most observers publish, as the fusion service did; the verdicts that ended."""
     digest = vocabularies.majority(now_ns)
-    if digest is None or digest == engine.vocabulary.digest or digest not in labels:
+    if digest is None or digest == engine.vocabulary.digest or digest not in known:
         return ()
-    return engine.change_vocabulary(Vocabulary(labels_of(digest, labels), engine.vocabulary.name), now_ns)
+    return engine.change_vocabulary(replace(vocabulary_of(digest, known), name=engine.vocabulary.name), now_ns)
 
 
 class _CaptureIngest:

@@ -106,3 +106,22 @@ def test_another_label_ends_a_periodic_movement_as_any_other():
         ("decided", "bow"), ("ended", "bow"), ("decided", "punch"), ("ended", "punch"),
     ]  # fmt: skip
     assert verdicts[1][3] == 8 and verdicts[2][2] == 12
+
+
+@pytest.mark.parametrize("restarted", [False, True], ids=["stands by", "starts"])
+def test_a_service_that_takes_over_goes_on_with_the_count(restarted):
+    owner, second = EngineDriver(), EngineDriver()
+    for scene in (owner, second):
+        scene.engine.change_vocabulary(PERIODIC, scene.now_ns)
+    for n in range(12):
+        judgement = owner.step(dict.fromkeys(VIEWS, sure("bow", 0.96)), 0.02, repetitions=n / 2)
+        if not restarted:
+            second.step(dict.fromkeys(VIEWS, sure("bow", 0.96)), 0.02, repetitions=n / 2)
+        second.engine.continue_from(judgement)
+    assert judgement.repetitions == 6 and owner.verdicts[0].repetitions == 2
+    second.now_ns, second.seq, second.verdicts = owner.now_ns, owner.seq, []
+    # Those that observers have counted since their own start are fewer.
+    second.step(dict.fromkeys(VIEWS, sure("bow", 0.96)), 0.02, 4, repetitions=1.0)
+    second.step(dict.fromkeys(VIEWS, sure("bow", 0.96)), 0.98, 12, repetitions=1.0)
+    (ended,) = second.verdicts
+    assert (ended.stage, ended.repetitions, ended.id) == ("ended", 6, owner.verdicts[0].id)
