@@ -171,7 +171,7 @@ class FusionEngine:
         missing = missing_of(posteriors) if self._segmenter.waits else []
         state = PooledState(
             now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, captured_ns, not missing,
-            repetitions_of(ballot.label, ballot.votes.values()),
+            repetitions_of(ballot.label, ballot.votes.values()) if self._segmenter.counts(ballot.label) else None,
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)

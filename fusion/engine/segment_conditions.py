@@ -43,8 +43,9 @@ class Conditions:
     @property
     def pause(self) -> Pause | None:
         """How long the decided movement may pause because it is periodic; None: it is not."""
-        decision = self.decision
-        return None if decision is None else self._pauses.get(decision.label)
+        if not self._pauses or self.movement is None or self.movement.decision is None:
+            return None
+        return self._pauses.get(self.movement.decision.label)
 
     def named(self, step: Step) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
@@ -93,14 +94,15 @@ class Conditions:
 
     def is_confirmed(self, step: Step) -> bool:
         """Whether the decided label is held again after an outage."""
-        movement, decision = self.movement, self.decision
-        was_hidden = movement is not None and movement.outage_ns is not None
-        return was_hidden and decision is not None and step.named == decision.label
+        if self.movement is None or self.movement.outage_ns is None or self.movement.decision is None:
+            return False
+        return step.named == self.movement.decision.label
 
     def is_other(self, step: Step) -> bool:
         """Whether another label than the decided one is held while the person moves."""
-        decision, is_moving = self.decision, step.state.observed and step.state.rest < 0.5
-        return is_moving and decision is not None and step.named not in (None, decision.label)
+        if step.named is None or self.movement is None or self.movement.decision is None:
+            return False
+        return step.named != self.movement.decision.label and step.state.observed and step.state.rest < 0.5
 
     def is_next(self, step: Step) -> bool:
         """Whether another label is held that is that of the next movement (rule 7)."""
@@ -112,12 +114,14 @@ class Conditions:
     def is_premature(self, step: Step) -> bool:
         """Whether another label is still held long after the decision (rule 7)."""
         decision = self.decision
-        if decision is None or decision.revisions >= REVISIONS_LIMIT or not self.is_other(step):
+        if not self.is_other(step) or decision is None or decision.revisions >= REVISIONS_LIMIT:
             return False
         return step.state.at_ns - decision.decided_ns >= REVISED_S * SECOND_NS
 
     def is_missed(self, step: Step) -> bool:
         """Whether the person moves, but the movement has not been seen for long enough (rules 5, 7 and 8)."""
+        if self._watch.quiet is None:
+            return False
         decision, pause = self.decision, self.pause
         is_open = decision is not None and self.state is not State.PASSED and decision.revisions < REVISIONS_LIMIT
         if is_open and self.is_other(step):

@@ -26,7 +26,7 @@ RESTING = (State.PAUSED, State.LOST, *ENDING)
 
 @dataclass(slots=True)
 class Step:
-    """One step: what is pooled; `named`, the label that meets rule 2; `before`, what was held until now, if it met it.
+    """One step: what is pooled; `named`, the label that meets rule 2; `before`, what was held until `last_ns`.
 
     gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
     """
@@ -34,6 +34,7 @@ class Step:
     state: PooledState
     named: str | None
     before: HeldLabel | None
+    last_ns: int
     heard_ns: int
     gap_ns: int
 
@@ -60,19 +61,19 @@ class Watch:
     def step(self, state: PooledState, known: State, decision: MovementDecision | None, repeated: bool) -> Step:
         """Take one step. known: the segmenter's state; repeated: whether `decision` is on a periodic movement."""
         heard_ns, gap_ns = self._hear(state)
-        before = None if self.named(self._last_ns) is None else self.held
-        self._last_ns = state.at_ns
+        before, last_ns, self._last_ns = self.held, self._last_ns, state.at_ns
         self._hold(state, known in ENDING and state.rest >= 0.5)
         if known is not State.IDLE and (state.rest < 0.5 or known in RESTING):
             self._miss(state, self.is_seen(state, decision), known in RESTING and not repeated)
-        return Step(state, self.named(state.at_ns), before, heard_ns, gap_ns)
+        return Step(state, self.named(state.at_ns), before, last_ns, heard_ns, gap_ns)
 
     def named(self, at_ns: int) -> str | None:
         """The label that meets the demand, and does so for `hold_s` at `at_ns` (rule 2)."""
         held = self.held
-        if held is None or held.agreed_ns is None or at_ns - held.agreed_ns < self._hold_ns:
-            return None
-        return held.label
+        return held.label if held is not None and self._is_met(held, at_ns) else None
+
+    def _is_met(self, held: HeldLabel, at_ns: int) -> bool:
+        return held.agreed_ns is not None and at_ns - held.agreed_ns >= self._hold_ns
 
     def carried(self, began_ns: int) -> str | None:
         """The label that was held before a movement that begins then (rules 3 and 9)."""
@@ -97,11 +98,11 @@ class Watch:
 
     def rest(self, step: Step, label: str | None, since_ns: int | None) -> None:
         """Rest begins, or goes on since an earlier time. label: the one held until then instead of that in `step`."""
-        at_ns, held = step.state.at_ns, self.held
+        at_ns, held, before = step.state.at_ns, self.held, step.before
         if label is not None:
             self.held = HeldLabel(label, at_ns, at_ns, at_ns - round(self._hold_ns))
-        elif (held is None or held.agreed_ns is None) and step.before is not None:
-            self.held = step.before
+        elif (held is None or held.agreed_ns is None) and before is not None and self._is_met(before, step.last_ns):
+            self.held = before
         clear_ns = at_ns if step.state.rest >= CLEAR_REST else None
         self.quiet = Quiet(at_ns if since_ns is None else since_ns, clear_ns)
 

@@ -31,18 +31,19 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
 12. After the clock was set back everything but the wait of rule 10 begins afresh.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.segment_conditions import GUARDS, REVISIONS_LIMIT, Conditions
-from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, State
+from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, Row, State
 from fusion.engine.segment_watch import RESTING, Step
 from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, Start, pauses_of
 
 __all__ = ["REVISIONS_LIMIT", "Segmenter"]
+GUARDED = {state: tuple((GUARDS[row.event], row) for row in rows) for state, rows in TABLE.items()}
 Published = Sequence[MovementDecision]
 
 
@@ -76,6 +77,10 @@ class Segmenter(Conditions):
         """How often the movement in progress has been done so far, if it is periodic and its label is published."""
         return None if self.decision is None or self.waits else self.decision.repetitions
 
+    def counts(self, label: str) -> bool:
+        """Whether a label is periodic, so that its repetitions are counted."""
+        return label in self._pauses
+
     @property
     def waits(self) -> bool:
         """Whether observers of the roster are waited for (rule 10)."""
@@ -94,20 +99,25 @@ class Segmenter(Conditions):
         if self._watch.turned_back(state.at_ns):
             self._finish()
         step = self._watch.step(state, self.state, self.decision, self.pause is not None)
-        published, taken = list[MovementDecision](), set[Event]()
-        while True:
-            row = next((r for r in TABLE[self.state] if r.event not in taken and GUARDS[r.event](self, step)), None)
-            if row is None:
-                break
-            taken.add(row.event)
-            published += EFFECTS[row.effect](self, step)
-            self.state = row.state
+        published: tuple[MovementDecision, ...] = ()
+        taken: tuple[Event, ...] = ()
+        while (row := self._due(step, taken)) is not None:
+            published = (*published, *EFFECTS[row.effect](self, step))
+            self.state, taken = row.state, (*taken, row.event)
             if row.state is State.IDLE:
                 break
-        self._count(state)
+        if state.repetitions is not None:
+            self._count(state)
         if self._start is not None:
             self._start = self._start.after(state)
-        return tuple(published)
+        return published
+
+    def _due(self, step: Step, taken: Collection[Event]) -> Row | None:
+        """The transition that is due, of those not taken in this step; looked for at each step, so plainly."""
+        for guard, row in GUARDED[self.state]:
+            if guard(self, step) and row.event not in taken:
+                return row
+        return None
 
     def follow(
         self, movement: MovementProgress | None, newest_capture_ns: int | None = None, outage_ns: int | None = None
