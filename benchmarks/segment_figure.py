@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.command_line import run_command
-from fusion.engine.segment_table import TABLE, Effect, State
+from fusion.engine.segment_table import TABLE, Effect, SegmentState
 
 PAGE = Path(__file__).parents[1] / "docs" / "design" / "fusion.md"
 BEGIN, END = "<!-- from the table: python -m benchmarks.segment_figure -->", "<!-- end of the table -->"
@@ -39,10 +39,10 @@ def _lines() -> Iterator[str]:
             said = " or ".join(filter(None, words))
             yield f"    {state.name} --> {target.name}{f': {said}' if said else ''}"
     yield from ("```", "", "| state | meaning |", "|---|---|")
-    yield from (f"| {state.name} | {state.value} |" for state in State)
+    yield from (f"| {state.name} | {state.value} |" for state in SegmentState)
     yield from ("", "| in | on | to | what follows | rule |", "|---|---|---|---|---|")
     for row in dict.fromkeys(row for rows in TABLE.values() for row in rows):
-        states = ", ".join(state.name for state in State if row in TABLE[state])
+        states = ", ".join(state.name for state in SegmentState if row in TABLE[state])
         event = row.event.name.lower().replace("_", " ")
         yield f"| {states} | *{event}*: {row.event.value} | {row.state.name} | {row.effect.value} | {row.rule} |"
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
-from fusion.engine.segment_table import Event, State
-from fusion.engine.segment_watch import ANY, NOTICED_S, OUTAGE_S, RESTING, Step, Watch
+from fusion.engine.segment_table import Event, SegmentState
+from fusion.engine.segment_watch import ANY, NOTICED_S, OUTAGE_S, RESTING, SegmentStep, SegmentWatch
 from fusion.engine.segments import PAUSE_S, MovementDecision, MovementProgress, Pause, pauses_of
 
 CARRIED_S = 0.6
@@ -29,9 +29,9 @@ class Conditions:
     """What is known of the movement in progress, and whether an event shows in a step."""
 
     def __init__(self, config: FusionConfig, vocabulary: Vocabulary) -> None:
-        self._hold_ns, self._watch = config.hold_s * SECOND_NS, Watch(config)
+        self._hold_ns, self._watch = config.hold_s * SECOND_NS, SegmentWatch(config)
         self._pauses: Mapping[str, Pause] = pauses_of(config, vocabulary)
-        self.state = State.IDLE
+        self.state = SegmentState.IDLE
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -47,7 +47,7 @@ class Conditions:
             return None
         return self._pauses.get(self.movement.decision.label)
 
-    def named(self, step: Step) -> str | None:
+    def named(self, step: SegmentStep) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
         movement, at_ns = self.movement, step.state.at_ns
         held, quiet = self._watch.held, self._watch.quiet if self.state in RESTING else None
@@ -73,7 +73,7 @@ class Conditions:
         label = self._watch.named(quiet.since_ns)
         return label if label != decision.label and decision.revisions < REVISIONS_LIMIT else None
 
-    def is_revoked(self, step: Step) -> bool:
+    def is_revoked(self, step: SegmentStep) -> bool:
         """Whether rest begins after something else that says that the decided label was wrong (rule 6)."""
         quiet, at_ns = self._watch.quiet, step.state.at_ns
         if self.decision is None or self.pause is not None or quiet is None or quiet.clear_ns is None:
@@ -81,49 +81,51 @@ class Conditions:
         has_faded = at_ns - quiet.since_ns >= FADING * self._hold_ns
         return at_ns - quiet.clear_ns >= NOTICED_S * SECOND_NS and not has_faded
 
-    def is_seen(self, step: Step) -> bool:
+    def is_seen(self, step: SegmentStep) -> bool:
         """Whether the decided label is the likeliest one, after the step of the decision."""
         decision, state = self.decision, step.state
         if decision is None or state.at_ns <= decision.decided_ns:
             return False
         return state.observed and state.label == decision.label
 
-    def is_back(self, step: Step) -> bool:
+    def is_back(self, step: SegmentStep) -> bool:
         """Whether the decided label is likely enough to go on."""
         return step.state.observed and self._watch.is_seen(step.state, self.decision)
 
-    def is_confirmed(self, step: Step) -> bool:
+    def is_confirmed(self, step: SegmentStep) -> bool:
         """Whether the decided label is held again after an outage."""
         if self.movement is None or self.movement.outage_ns is None or self.movement.decision is None:
             return False
         return step.named == self.movement.decision.label
 
-    def is_other(self, step: Step) -> bool:
+    def is_other(self, step: SegmentStep) -> bool:
         """Whether another label than the decided one is held while the person moves."""
         if step.named is None or self.movement is None or self.movement.decision is None:
             return False
         return step.named != self.movement.decision.label and step.state.observed and step.state.rest < 0.5
 
-    def is_next(self, step: Step) -> bool:
+    def is_next(self, step: SegmentStep) -> bool:
         """Whether another label is held that is that of the next movement (rule 7)."""
         held, movement = self._watch.held, self.movement
         if not self.is_other(step) or movement is None or held is None or held.agreed_ns is None:
             return False
         return movement.outage_ns is not None or held.agreed_ns - movement.began_ns >= NOTICED_S * SECOND_NS
 
-    def is_premature(self, step: Step) -> bool:
+    def is_premature(self, step: SegmentStep) -> bool:
         """Whether another label is still held long after the decision (rule 7)."""
         decision = self.decision
         if not self.is_other(step) or decision is None or decision.revisions >= REVISIONS_LIMIT:
             return False
         return step.state.at_ns - decision.decided_ns >= REVISED_S * SECOND_NS
 
-    def is_missed(self, step: Step) -> bool:
+    def is_missed(self, step: SegmentStep) -> bool:
         """Whether the person moves, but the movement has not been seen for long enough (rules 5, 7 and 8)."""
         if self._watch.quiet is None:
             return False
         decision, pause = self.decision, self.pause
-        is_open = decision is not None and self.state is not State.PASSED and decision.revisions < REVISIONS_LIMIT
+        is_open = (
+            decision is not None and self.state is not SegmentState.PASSED and decision.revisions < REVISIONS_LIMIT
+        )
         if is_open and self.is_other(step):
             return False
         needed_ns = FADING * self._hold_ns
@@ -133,18 +135,18 @@ class Conditions:
             needed_ns = max(needed_ns, PAUSE_S * SECOND_NS)
         return self._is_quiet(step, needed_ns)
 
-    def is_moving_on(self, step: Step) -> bool:
+    def is_moving_on(self, step: SegmentStep) -> bool:
         """Whether a movement is likelier again after something else, and not that of the decided label (rule 7)."""
         is_idle = step.state.idle or self.pause is not None
         # Later than when it would be missed: a movement that is missed in this step begins with the next one.
         return not is_idle and self._is_quiet(step, FADING * self._hold_ns + 1)
 
-    def _is_quiet(self, step: Step, needed_ns: float) -> bool:
+    def _is_quiet(self, step: SegmentStep, needed_ns: float) -> bool:
         quiet, state = self._watch.quiet, step.state
         is_moving = state.observed and state.rest < 0.5
         return is_moving and quiet is not None and state.at_ns - quiet.since_ns >= needed_ns
 
-    def is_rested(self, step: Step) -> bool:
+    def is_rested(self, step: SegmentStep) -> bool:
         """Whether rest has lasted for long enough (rules 4, 5 and 8)."""
         quiet, held, at_ns, pause = self._watch.quiet, self._watch.held, step.state.at_ns, self.pause
         if quiet is None or step.state.rest < 0.5:
@@ -160,7 +162,7 @@ class Conditions:
         return at_ns - quiet.since_ns >= needed_ns
 
 
-GUARDS: Mapping[Event, Callable[[Conditions, Step], bool]] = {
+GUARDS: Mapping[Event, Callable[[Conditions, SegmentStep], bool]] = {
     Event.MOVES: lambda _, step: step.state.observed and not step.state.idle,
     Event.MOVES_AGAIN: lambda _, step: step.state.rest < 0.5,
     Event.RESTS: lambda _, step: step.state.rest >= 0.5,

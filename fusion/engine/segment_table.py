@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class State(Enum):
+class SegmentState(Enum):
     """What is known of the person."""
 
     IDLE = "the person rests, or does something else"
@@ -66,81 +66,85 @@ class Effect(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class Transition:
     """One transition of the table. rule: its number in segmenter.py."""
 
     event: Event
-    state: State
+    state: SegmentState
     effect: Effect
     rule: int
 
 
 _UNDECIDED = (
-    Row(Event.LONG_OUTAGE_AT_REST, State.IDLE, Effect.ABSTAIN, 9),
-    Row(Event.OUTAGE_AT_REST, State.LOST, Effect.REST, 9),
-    Row(Event.OUTAGE_IN_MOTION, State.MOVING, Effect.BEGIN, 9),
+    Transition(Event.LONG_OUTAGE_AT_REST, SegmentState.IDLE, Effect.ABSTAIN, 9),
+    Transition(Event.OUTAGE_AT_REST, SegmentState.LOST, Effect.REST, 9),
+    Transition(Event.OUTAGE_IN_MOTION, SegmentState.MOVING, Effect.BEGIN, 9),
 )
 _OUTAGE = (
-    Row(Event.LONG_OUTAGE, State.IDLE, Effect.OUTLAST, 9),
-    Row(Event.OUTAGE, State.PASSED, Effect.MISS, 9),
+    Transition(Event.LONG_OUTAGE, SegmentState.IDLE, Effect.OUTLAST, 9),
+    Transition(Event.OUTAGE, SegmentState.PASSED, Effect.MISS, 9),
 )
-_DECIDED = (*_OUTAGE, Row(Event.RESTS, State.ENDING, Effect.REST, 4))
+_DECIDED = (*_OUTAGE, Transition(Event.RESTS, SegmentState.ENDING, Effect.REST, 4))
 _ENDING = (
     *_OUTAGE,
-    Row(Event.RENAMED, State.SETTLED, Effect.REVISE, 6),
-    Row(Event.RESTED, State.IDLE, Effect.END, 4),
+    Transition(Event.RENAMED, SegmentState.SETTLED, Effect.REVISE, 6),
+    Transition(Event.RESTED, SegmentState.IDLE, Effect.END, 4),
 )
 _RESTING = (
-    Row(Event.RESTED, State.IDLE, Effect.END, 5),
-    Row(Event.NAMED, State.SETTLED, Effect.DECIDE, 2),
+    Transition(Event.RESTED, SegmentState.IDLE, Effect.END, 5),
+    Transition(Event.NAMED, SegmentState.SETTLED, Effect.DECIDE, 2),
 )
-TABLE: Mapping[State, tuple[Row, ...]] = {
-    State.IDLE: (Row(Event.MOVES, State.MOVING, Effect.BEGIN, 1),),
-    State.MOVING: (
+TABLE: Mapping[SegmentState, tuple[Transition, ...]] = {
+    SegmentState.IDLE: (Transition(Event.MOVES, SegmentState.MOVING, Effect.BEGIN, 1),),
+    SegmentState.MOVING: (
         *_UNDECIDED,
-        Row(Event.RESTS, State.PAUSED, Effect.REST, 5),
-        Row(Event.NAMED, State.UNSEEN, Effect.DECIDE, 2),
-        Row(Event.MISSED, State.IDLE, Effect.DROP, 5),
+        Transition(Event.RESTS, SegmentState.PAUSED, Effect.REST, 5),
+        Transition(Event.NAMED, SegmentState.UNSEEN, Effect.DECIDE, 2),
+        Transition(Event.MISSED, SegmentState.IDLE, Effect.DROP, 5),
     ),
-    State.PAUSED: (*_UNDECIDED, *_RESTING, Row(Event.MOVES_AGAIN, State.MOVING, Effect.NOTHING, 5)),
-    State.LOST: (
+    SegmentState.PAUSED: (
         *_UNDECIDED,
         *_RESTING,
-        Row(Event.MOVES, State.MOVING, Effect.BEGIN, 9),
-        Row(Event.LEFT, State.IDLE, Effect.DROP, 9),
+        Transition(Event.MOVES_AGAIN, SegmentState.MOVING, Effect.NOTHING, 5),
     ),
-    State.DECIDED: (
+    SegmentState.LOST: (
+        *_UNDECIDED,
+        *_RESTING,
+        Transition(Event.MOVES, SegmentState.MOVING, Effect.BEGIN, 9),
+        Transition(Event.LEFT, SegmentState.IDLE, Effect.DROP, 9),
+    ),
+    SegmentState.DECIDED: (
         *_DECIDED,
-        Row(Event.CONFIRMED, State.DECIDED, Effect.CONFIRM, 9),
-        Row(Event.NEXT, State.MOVING, Effect.NEXT, 7),
-        Row(Event.PREMATURE, State.DECIDED, Effect.REVISE, 7),
-        Row(Event.MISSED, State.IDLE, Effect.END, 7),
-        Row(Event.LEFT, State.PASSED, Effect.NOTHING, 7),
+        Transition(Event.CONFIRMED, SegmentState.DECIDED, Effect.CONFIRM, 9),
+        Transition(Event.NEXT, SegmentState.MOVING, Effect.NEXT, 7),
+        Transition(Event.PREMATURE, SegmentState.DECIDED, Effect.REVISE, 7),
+        Transition(Event.MISSED, SegmentState.IDLE, Effect.END, 7),
+        Transition(Event.LEFT, SegmentState.PASSED, Effect.NOTHING, 7),
     ),
-    State.PASSED: (
+    SegmentState.PASSED: (
         *_DECIDED,
-        Row(Event.ANOTHER, State.MOVING, Effect.NEXT, 7),
-        Row(Event.MOVES_ON, State.MOVING, Effect.NEXT_NOW, 7),
-        Row(Event.MISSED, State.IDLE, Effect.END, 7),
-        Row(Event.RETURNS, State.DECIDED, Effect.NOTHING, 7),
+        Transition(Event.ANOTHER, SegmentState.MOVING, Effect.NEXT, 7),
+        Transition(Event.MOVES_ON, SegmentState.MOVING, Effect.NEXT_NOW, 7),
+        Transition(Event.MISSED, SegmentState.IDLE, Effect.END, 7),
+        Transition(Event.RETURNS, SegmentState.DECIDED, Effect.NOTHING, 7),
     ),
-    State.UNSEEN: (
+    SegmentState.UNSEEN: (
         *_DECIDED,
-        Row(Event.SEEN, State.DECIDED, Effect.NOTHING, 7),
-        Row(Event.PREMATURE, State.DECIDED, Effect.REVISE, 7),
-        Row(Event.MISSED, State.IDLE, Effect.END, 7),
+        Transition(Event.SEEN, SegmentState.DECIDED, Effect.NOTHING, 7),
+        Transition(Event.PREMATURE, SegmentState.DECIDED, Effect.REVISE, 7),
+        Transition(Event.MISSED, SegmentState.IDLE, Effect.END, 7),
     ),
-    State.ENDING: (*_ENDING, Row(Event.MOVES_AGAIN, State.DECIDED, Effect.NOTHING, 4)),
-    State.SETTLED: (*_ENDING, Row(Event.MOVES_AGAIN, State.UNSEEN, Effect.NOTHING, 4)),
+    SegmentState.ENDING: (*_ENDING, Transition(Event.MOVES_AGAIN, SegmentState.DECIDED, Effect.NOTHING, 4)),
+    SegmentState.SETTLED: (*_ENDING, Transition(Event.MOVES_AGAIN, SegmentState.UNSEEN, Effect.NOTHING, 4)),
 }
 """Of each state the events in the order in which they are looked for; a step takes transitions until none is due, each
 event once, or until the person is IDLE."""
-FOLLOWED: Mapping[State, State] = {
-    State.IDLE: State.MOVING,
-    State.DECIDED: State.MOVING,
-    State.PASSED: State.MOVING,
-    State.UNSEEN: State.MOVING,
-    State.ENDING: State.PAUSED,
-    State.SETTLED: State.PAUSED,
+FOLLOWED: Mapping[SegmentState, SegmentState] = {
+    SegmentState.IDLE: SegmentState.MOVING,
+    SegmentState.DECIDED: SegmentState.MOVING,
+    SegmentState.PASSED: SegmentState.MOVING,
+    SegmentState.UNSEEN: SegmentState.MOVING,
+    SegmentState.ENDING: SegmentState.PAUSED,
+    SegmentState.SETTLED: SegmentState.PAUSED,
 }
 """The state after another service has published that its movement goes on, undecided; of the others the same."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from fusion.engine.segment_table import State
+from fusion.engine.segment_table import SegmentState
 from fusion.engine.segments import Heard, HeldLabel, MovementDecision, PooledState, Quiet
 
 NOTICED_S = 0.3
@@ -20,12 +20,12 @@ CLEAR_REST = 0.75
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4; see rest.py)."""
 ANY = "*"
 """In place of the label that was held before a movement: it may have been any."""
-ENDING = (State.ENDING, State.SETTLED)
-RESTING = (State.PAUSED, State.LOST, *ENDING)
+ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
+RESTING = (SegmentState.PAUSED, SegmentState.LOST, *ENDING)
 
 
 @dataclass(slots=True)
-class Step:
+class SegmentStep:
     """One step: what is pooled; `named`, the label that meets rule 2; `before`, what was held until `last_ns`.
 
     gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
@@ -39,7 +39,7 @@ class Step:
     gap_ns: int
 
 
-class Watch:
+class SegmentWatch:
     """Takes what is pooled, step by step."""
 
     def __init__(self, config: FusionConfig) -> None:
@@ -58,14 +58,16 @@ class Watch:
         self.held = self.quiet = self._heard = None
         return True
 
-    def step(self, state: PooledState, known: State, decision: MovementDecision | None, repeated: bool) -> Step:
+    def step(
+        self, state: PooledState, known: SegmentState, decision: MovementDecision | None, repeated: bool
+    ) -> SegmentStep:
         """Take one step. known: the segmenter's state; repeated: whether `decision` is on a periodic movement."""
         heard_ns, gap_ns = self._hear(state)
         before, last_ns, self._last_ns = self.held, self._last_ns, state.at_ns
         self._hold(state, known in ENDING and state.rest >= 0.5)
-        if known is not State.IDLE and (state.rest < 0.5 or known in RESTING):
+        if known is not SegmentState.IDLE and (state.rest < 0.5 or known in RESTING):
             self._miss(state, self.is_seen(state, decision), known in RESTING and not repeated)
-        return Step(state, self.named(state.at_ns), before, last_ns, heard_ns, gap_ns)
+        return SegmentStep(state, self.named(state.at_ns), before, last_ns, heard_ns, gap_ns)
 
     def named(self, at_ns: int) -> str | None:
         """The label that meets the demand, and does so for `hold_s` at `at_ns` (rule 2)."""
@@ -96,7 +98,7 @@ class Watch:
         if self.held is not None and self.held.agreed_ns is not None:
             self.held = self.held._replace(agreed_ns=max(at_ns, self.held.agreed_ns))
 
-    def rest(self, step: Step, label: str | None, since_ns: int | None) -> None:
+    def rest(self, step: SegmentStep, label: str | None, since_ns: int | None) -> None:
         """Rest begins, or goes on since an earlier time. label: the one held until then instead of that in `step`."""
         at_ns, held, before = step.state.at_ns, self.held, step.before
         if label is not None:

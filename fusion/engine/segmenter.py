@@ -38,8 +38,8 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.segment_conditions import GUARDS, REVISIONS_LIMIT, Conditions
-from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, Row, State
-from fusion.engine.segment_watch import RESTING, Step
+from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, SegmentState, Transition
+from fusion.engine.segment_watch import RESTING, SegmentStep
 from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, Start, pauses_of
 
 __all__ = ["REVISIONS_LIMIT", "Segmenter"]
@@ -104,7 +104,7 @@ class Segmenter(Conditions):
         while (row := self._due(step, taken)) is not None:
             published = (*published, *EFFECTS[row.effect](self, step))
             self.state, taken = row.state, (*taken, row.event)
-            if row.state is State.IDLE:
+            if row.state is SegmentState.IDLE:
                 break
         if state.repetitions is not None:
             self._count(state)
@@ -112,7 +112,7 @@ class Segmenter(Conditions):
             self._start = self._start.after(state)
         return published
 
-    def _due(self, step: Step, taken: Collection[Event]) -> Row | None:
+    def _due(self, step: SegmentStep, taken: Collection[Event]) -> Transition | None:
         """The transition that is due, of those not taken in this step; looked for at each step, so plainly."""
         for guard, row in GUARDED[self.state]:
             if guard(self, step) and row.event not in taken:
@@ -142,11 +142,11 @@ class Segmenter(Conditions):
         before, quiet = own.decision, self._watch.quiet
         is_same = before is not None and (own.began_ns, before.label) == (movement.began_ns, decision.label)
         if self.state in RESTING and quiet is not None and movement.began_ns <= quiet.since_ns:
-            self.state = State.SETTLED
+            self.state = SegmentState.SETTLED
         elif outage_ns is not None:
-            self.state = State.PASSED
+            self.state = SegmentState.PASSED
         elif not is_same:
-            self.state, self._watch.quiet = State.UNSEEN, None
+            self.state, self._watch.quiet = SegmentState.UNSEEN, None
         if before is not None and is_same:
             counts = [count for count in (before.repetitions, decision.repetitions) if count is not None]
             decision = replace(decision, revisions=before.revisions, repetitions=max(counts, default=None))
@@ -159,18 +159,18 @@ class Segmenter(Conditions):
         return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
 
     def _finish(self) -> None:
-        self.state, self.movement, self._watch.quiet = State.IDLE, None, None
+        self.state, self.movement, self._watch.quiet = SegmentState.IDLE, None, None
 
     def _begin(self, at_ns: int) -> MovementProgress:
         self.movement = MovementProgress(at_ns, None, self._watch.carried(at_ns), self._start is not None)
         self._watch.begin(at_ns)
         return self.movement
 
-    def _begin_now(self, step: Step) -> Published:
+    def _begin_now(self, step: SegmentStep) -> Published:
         self._begin(step.state.at_ns)
         return ()
 
-    def _begin_next(self, step: Step) -> Published:
+    def _begin_next(self, step: SegmentStep) -> Published:
         """End the movement, and begin that of the label that is held, since it has been."""
         held, quiet = self._watch.held, self._watch.quiet
         since_ns = step.state.at_ns if held is None or held.agreed_ns is None else held.agreed_ns
@@ -178,36 +178,40 @@ class Segmenter(Conditions):
         self._begin(since_ns)
         return ended
 
-    def _begin_next_now(self, step: Step) -> Published:
+    def _begin_next_now(self, step: SegmentStep) -> Published:
         ended = self._end(step, None, None)
         self._begin(step.state.at_ns)
         return ended
 
-    def _rest(self, step: Step) -> Published:
+    def _rest(self, step: SegmentStep) -> Published:
         quiet, label = self._watch.quiet, ABSTAIN if self.is_revoked(step) else None
         self._watch.rest(step, label, None if self.pause is None or quiet is None else quiet.since_ns)
         return ()
 
-    def _miss(self, step: Step) -> Published:
+    def _miss(self, step: SegmentStep) -> Published:
         if self.movement is not None and self.decision is not None:
             outage_ns = max(step.heard_ns, self.decision.decided_ns)
             self.movement, self._watch.quiet = replace(self.movement, outage_ns=outage_ns), None
         return ()
 
-    def _confirm(self, step: Step) -> Published:
+    def _confirm(self, step: SegmentStep) -> Published:
         if self.movement is not None:
             self.movement = replace(self.movement, outage_ns=None)
         return ()
 
-    def _decide(self, step: Step) -> Published:
+    def _decide(self, step: SegmentStep) -> Published:
         movement, label = self.movement, self.named(step)
         if movement is None or label is None:
             return ()
         return self._publish(MovementDecision(label, movement.began_ns, step.state.at_ns), step)
 
-    def _revise(self, step: Step) -> Published:
+    def _revise(self, step: SegmentStep) -> Published:
         """Replace the label: by the one that was held as rest began, or in motion by the one that is held now."""
-        decision, quiet, is_resting = self.decision, self._watch.quiet, self.state in (State.ENDING, State.SETTLED)
+        decision, quiet, is_resting = (
+            self.decision,
+            self._watch.quiet,
+            self.state in (SegmentState.ENDING, SegmentState.SETTLED),
+        )
         label = self.renamed() if is_resting else step.named
         if decision is None or label is None:
             return ()
@@ -216,23 +220,23 @@ class Segmenter(Conditions):
         revised = replace(decision, label=label, decided_ns=at_ns, stage="revised", revises=decision.label)
         return self._publish(replace(revised, revisions=decision.revisions + 1, repetitions=None), step)
 
-    def _publish(self, decision: MovementDecision, step: Step) -> Published:
+    def _publish(self, decision: MovementDecision, step: SegmentStep) -> Published:
         if self.movement is not None:
             self.movement = replace(self.movement, decision=decision)
         self._count(step.state)
         return () if self.decision is None else (self.decision,)
 
-    def _end_now(self, step: Step) -> Published:
+    def _end_now(self, step: SegmentStep) -> Published:
         return self._end(step, self.named(step), None)
 
-    def _abstain(self, step: Step) -> Published:
+    def _abstain(self, step: SegmentStep) -> Published:
         return self._end(step, None, None)
 
-    def _drop(self, step: Step) -> Published:
+    def _drop(self, step: SegmentStep) -> Published:
         self._finish()
         return ()
 
-    def _end(self, step: Step, label: str | None, ended_ns: int | None) -> Published:
+    def _end(self, step: SegmentStep, label: str | None, ended_ns: int | None) -> Published:
         """End the movement when it was seen last, or at `ended_ns`; undecided, with `label`."""
         movement, decision, quiet, at_ns = self.movement, self.decision, self._watch.quiet, step.state.at_ns
         is_short = self.is_short(at_ns)
@@ -245,7 +249,7 @@ class Segmenter(Conditions):
         ended_ns = movement.outage_ns or (quiet_ns if ended_ns is None else ended_ns)
         return () if decision is None else (replace(decision, ended_ns=ended_ns, stage="ended"),)
 
-    def _outlast(self, step: Step) -> Published:
+    def _outlast(self, step: SegmentStep) -> Published:
         self._miss(step)
         return self._end(step, None, None)
 
@@ -258,7 +262,7 @@ class Segmenter(Conditions):
             self.movement = replace(movement, decision=replace(decision, repetitions=count))
 
 
-EFFECTS: Mapping[Effect, Callable[[Segmenter, Step], Published]] = {
+EFFECTS: Mapping[Effect, Callable[[Segmenter, SegmentStep], Published]] = {
     Effect.NOTHING: lambda *_: (),
     Effect.BEGIN: Segmenter._begin_now,
     Effect.REST: Segmenter._rest,

@@ -7,7 +7,7 @@ import pytest
 import fusion.engine.segmenter as rules
 from benchmarks.segment_figure import PAGE, with_table
 from fusion.engine.segment_conditions import GUARDS
-from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, State
+from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, SegmentState
 from fusion.engine.segmenter import EFFECTS
 
 ROWS = [(state, row) for state, rows in TABLE.items() for row in rows]
@@ -15,7 +15,7 @@ NUMBERS = {int(number) for number in re.findall(r"(?m)^(\d+)\. ", rules.__doc__)
 
 
 def test_each_state_event_and_effect_is_used_and_has_its_code():
-    assert set(TABLE) == set(State) and {row.event for _, row in ROWS} == set(Event) == set(GUARDS)
+    assert set(TABLE) == set(SegmentState) and {row.event for _, row in ROWS} == set(Event) == set(GUARDS)
     assert {row.effect for _, row in ROWS} == set(Effect) == set(EFFECTS)
 
 
@@ -27,9 +27,9 @@ def test_each_transition_follows_a_rule_and_each_event_has_one_row(state, row):
 
 def test_each_state_is_reached_from_idle_and_leads_back():
     steps = {state: {row.state for row in rows} for state, rows in TABLE.items()}
-    forwards = reached(State.IDLE, steps)
-    assert forwards == set(State)
-    assert all(State.IDLE in reached(state, steps) for state in State)
+    forwards = reached(SegmentState.IDLE, steps)
+    assert forwards == set(SegmentState)
+    assert all(SegmentState.IDLE in reached(state, steps) for state in SegmentState)
 
 
 def reached(state, steps):
@@ -41,7 +41,13 @@ def reached(state, steps):
 
 
 def test_only_a_decided_movement_is_revised_and_only_what_is_published_leaves_it():
-    decided = {State.DECIDED, State.PASSED, State.UNSEEN, State.ENDING, State.SETTLED}
+    decided = {
+        SegmentState.DECIDED,
+        SegmentState.PASSED,
+        SegmentState.UNSEEN,
+        SegmentState.ENDING,
+        SegmentState.SETTLED,
+    }
     for state, row in ROWS:
         if row.effect in (Effect.REVISE, Effect.NEXT, Effect.NEXT_NOW, Effect.OUTLAST):
             assert state in decided
@@ -49,7 +55,7 @@ def test_only_a_decided_movement_is_revised_and_only_what_is_published_leaves_it
             assert row.effect.value.startswith("ended")
         if state not in decided and row.state in decided:
             assert row.effect is Effect.DECIDE
-    assert set(FOLLOWED.values()) <= {State.MOVING, State.PAUSED}
+    assert set(FOLLOWED.values()) <= {SegmentState.MOVING, SegmentState.PAUSED}
 
 
 def test_the_page_has_the_table_as_it_is():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.segment_table import State
+from fusion.engine.segment_table import SegmentState
 from fusion.engine.segmenter import REVISIONS_LIMIT, Segmenter
 from fusion.engine.segments import PooledState
 
@@ -422,18 +422,18 @@ def test_only_differences_of_time_count(steps, shift_ns):
 @pytest.mark.parametrize(
     ("gap_s", "before", "after", "state"),
     [
-        (1.0, sure(6), sure(1, p=0.7), State.DECIDED),
-        (1.1, sure(6), sure(1, p=0.7), State.DECIDED),
-        (1.1, sure(6), sure(1, "lunge"), State.PASSED),
-        (1.1, sure(6), rest(1), State.ENDING),
-        (4.0, sure(6), sure(1, "lunge"), State.PASSED),
-        (5.1, sure(6), sure(1), State.IDLE),
-        (1.0, moving(6), moving(1), State.MOVING),
-        (1.0, moving(6), rest(1), State.PAUSED),
-        (2.0, moving(6), rest(1), State.LOST),
-        (2.1, moving(6), rest(1), State.IDLE),
-        (2.0, moving(6), moving(1), State.MOVING),
-        (5.1, moving(6), moving(1), State.MOVING),
+        (1.0, sure(6), sure(1, p=0.7), SegmentState.DECIDED),
+        (1.1, sure(6), sure(1, p=0.7), SegmentState.DECIDED),
+        (1.1, sure(6), sure(1, "lunge"), SegmentState.PASSED),
+        (1.1, sure(6), rest(1), SegmentState.ENDING),
+        (4.0, sure(6), sure(1, "lunge"), SegmentState.PASSED),
+        (5.1, sure(6), sure(1), SegmentState.IDLE),
+        (1.0, moving(6), moving(1), SegmentState.MOVING),
+        (1.0, moving(6), rest(1), SegmentState.PAUSED),
+        (2.0, moving(6), rest(1), SegmentState.LOST),
+        (2.1, moving(6), rest(1), SegmentState.IDLE),
+        (2.0, moving(6), moving(1), SegmentState.MOVING),
+        (5.1, moving(6), moving(1), SegmentState.MOVING),
     ],
 )
 def test_9_the_effect_of_an_outage_depends_on_its_length_and_on_whether_there_was_a_decision(
@@ -450,7 +450,7 @@ def test_9_the_effect_of_an_outage_depends_on_its_length_and_on_whether_there_wa
     if segmenter.movement is not None:
         is_decided, was_outage = segmenter.movement.decision is not None, gap_s > 1.0
         assert segmenter.movement.outage_ns == (last_ns if is_decided and was_outage else None)
-        assert segmenter.movement.began_ns == (at_ns if state is State.MOVING and was_outage else began_ns)
+        assert segmenter.movement.began_ns == (at_ns if state is SegmentState.MOVING and was_outage else began_ns)
 
 
 def test_9_an_older_capture_of_a_service_that_is_followed_makes_no_outage():
