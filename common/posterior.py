@@ -5,13 +5,15 @@ decoded; probabilities wherever a posterior is made. Round-off is no error: see 
 """
 
 import math
+import re
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Literal
 
 import msgspec
 from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
-from common.facets import SUM_TOLERANCE, NotADistribution, check_facet_names, require_sum
+from common.facets import FACETS
 from common.message_types import (
     ID_LIMIT,
     LABELS_LIMIT,
@@ -24,6 +26,13 @@ from common.message_types import (
 )
 from common.text import printable
 
+SUM_TOLERANCE = 1e-3
+"""A distribution may miss a sum of 1 by this much: more than float32 arithmetic of a foreign observer loses."""
+FACETS_LIMIT = 32
+"""Facets in one posterior; more are rejected, so that an observer cannot grow every judgement."""
+VALUES_LIMIT = 72
+"""Values of one facet: as many as there may be facings."""
+FACET_NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
 _RANGE = Meta(extra_json_schema={"minimum": 0, "maximum": 1})
 # In Python $ also matches before a last line feed; JSON Schema has no \Z.
 Identifier = Annotated[str, Meta(pattern=r"^[a-z0-9_-]{1,64}(?![\s\S])")]
@@ -32,6 +41,10 @@ Integer = Annotated[int, Meta(ge=0, le=LAST_INTEGER)]
 Probability = Annotated[float, _RANGE]
 Probabilities = list[Probability]
 Surprise = Annotated[int, Meta(ge=0, le=SURPRISE_LIMIT)]
+
+
+class NotADistribution(ValueError):  # noqa: N818 - it names what the values are not
+    """Probabilities that do not sum to 1, or one outside 0 to 1."""
 
 
 class NotFinite(ValueError):  # noqa: N818 - it names what a value is not
@@ -157,3 +170,37 @@ def _in_range(name: str, value: float, outside: type[ValueError]) -> float:
         raise outside(f"{name} has the value {value:.6g}; a probability is 0 to 1")
     # max(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
     return min(max(value, 0.0), 1.0) + 0.0
+
+
+def check_facets(facets: Mapping[str, Sequence[float]]) -> None:
+    """Check name -> probabilities of the values; raises ValueError that names the facet and the rule.
+
+    As `check_facet_names`, and each facet sums to 1.
+    """
+    check_facet_names(facets)
+    for name, p in facets.items():
+        require_sum(f"facet {name}", p)
+
+
+def check_facet_names(facets: Mapping[str, Sequence[float]]) -> None:
+    """Check name -> values; raises ValueError that names the facet and the rule.
+
+    There are at most FACETS_LIMIT facets of at most VALUES_LIMIT values, and a known facet has exactly its values.
+    """
+    if len(facets) > FACETS_LIMIT:
+        raise ValueError(f"{len(facets)} facets; at most {FACETS_LIMIT} are allowed")
+    for name, p in facets.items():
+        known = FACETS.get(name)
+        if known is not None:
+            if len(p) != len(known):
+                raise ValueError(f"facet {name} has {len(p)} values; it has {len(known)}: {', '.join(known)}")
+        elif not FACET_NAME.match(name):
+            raise ValueError(f"facet {name[:64]!r}: a name is 1 to 64 characters of a-z, 0-9, _ and -")
+        elif len(p) > VALUES_LIMIT:
+            raise ValueError(f"facet {name} has {len(p)} values; at most {VALUES_LIMIT} are allowed")
+
+
+def require_sum(name: str, p: Sequence[float]) -> None:
+    """Raises NotADistribution that names the distribution `name` unless `p` sums to 1 within SUM_TOLERANCE."""
+    if not abs(sum(p) - 1) <= SUM_TOLERANCE:
+        raise NotADistribution(f"{name} sums to {sum(p):.6g}, not to 1")

@@ -14,7 +14,6 @@ import msgspec
 from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
-from common.facets import NotADistribution
 from common.keys import observer_of, scene_of
 from common.message_fields import fields_of, is_short, leave_out, part_of
 from common.message_types import LAST_INTEGER
@@ -31,7 +30,7 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
-from common.posterior import NotFinite
+from common.posterior import NotADistribution, NotFinite
 from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 

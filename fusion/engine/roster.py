@@ -233,6 +233,7 @@ class _ObserverClock:
     """
 
     skew: ClockSkew = field(default_factory=ClockSkew)
+    skew_s: float | None = None
     correction_ns: int = 0
     session: str = ""
     seq: int = -1
@@ -255,11 +256,12 @@ class Clocks:
         if observer in self._clocks:
             clock = self._clocks[observer]
             clock.skew.note(reading)
+            clock.skew_s = clock.skew.skew_s
             clock.correction_ns, clock.doubtful = _correction_ns(clock.skew.best), False
 
     def skew_s(self, observer: str) -> float | None:
         """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
-        return self._clocks[observer].skew.skew_s if observer in self._clocks else None
+        return self._clocks[observer].skew_s if observer in self._clocks else None
 
     def captured_ns(self, observer: str, message: PosteriorMessage, now_ns: int) -> int:
         """The capture time, by our clock, of the newest frame in `message`, which arrived at `now_ns`.

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from common.errors import BadInput
-from common.facets import EFFORT, check_facets
+from common.facets import EFFORT
+from common.posterior import check_facets
 from observer.effort.effort_file import read_effort, require_rate, write_effort
 from observer.effort.features import NAMES
 from observer.effort.model import (

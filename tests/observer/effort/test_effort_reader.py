@@ -8,7 +8,8 @@ import pytest
 from performances import PassThrough
 
 from common.errors import BadInput
-from common.facets import FACETS, check_facets
+from common.facets import FACETS
+from common.posterior import check_facets
 from common.vocabulary import Vocabulary
 from observer.effort.features import DEGREE, NAMES, Course, coefficients, course_of, features
 from observer.effort.model import EffortExample, learn_trials
