@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from engine_stage import ALL_RULES, LABELS, MOVING, REST, UNIFORM, VIEWS, EngineDriver, all_views, sure
+from engine_stage import ALL_RULES, LABELS, MOVING, REST, STEP_NS, UNIFORM, VIEWS, EngineDriver, all_views, sure
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -75,6 +75,17 @@ def test_facing_and_facets_are_pooled_and_published():
     assert (judgement.facing_deg + 1) % 360 == pytest.approx(1, abs=0.5)
     assert judgement.facets["effort_time"][1] > 0.6
     assert judgement.votes["door"].facing.surprise == table and judgement.votes["table"].facing is None
+
+
+def test_facets_change_five_times_a_second_and_those_of_a_verdict_are_of_its_own_step():
+    """Ten steps a second; the movement is decided in the fourth, in which all have just changed their minds."""
+    scene, sudden = EngineDriver(), []
+    for share in (0.9, 0.9, 0.9, 0.1, 0.1):
+        judgement = scene.step(all_views(sure("bow", 0.98)), MOVING, facets={"effort_time": [1 - share, share]})
+        sudden.append(judgement.facets["effort_time"][1] > 0.5)
+    assert sudden == [True, True, True, True, False]
+    assert [verdict.decided_ns for verdict in scene.verdicts] == [scene.now_ns - STEP_NS]
+    assert scene.verdicts[0].facets["effort_time"][1] < 0.2
 
 
 def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too():
