@@ -144,7 +144,14 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
     @classmethod
     def model_json_schema(cls) -> dict[str, object]:
         """Its JSON Schema, as the other messages have it."""
-        return msgspec.json.schema(cls)
+        from inspect import cleandoc
+
+        schema = msgspec.json.schema(cls)
+        for part in schema["$defs"].values():
+            if "description" in part:
+                # Some versions of msgspec leave the indentation of the docstring in it.
+                part["description"] = cleandoc(part["description"])
+        return schema
 
     def is_of(self, scene: str, observer: str) -> bool:
         """Whether the message's own `scene` and `observer`, where present, agree with those of its key."""

@@ -224,10 +224,19 @@ def test_the_reference_lists_every_command_and_option(verb):
         assert options_of(inner) - {"--help"} <= listed
 
 
+def in_order(schema):
+    """The schema with its alternatives in one order: that of msgspec depends on its version."""
+    if isinstance(schema, dict):
+        return {name: sorted(map(str, part)) if name == "anyOf" else in_order(part) for name, part in schema.items()}
+    return schema
+
+
 @messages_of_the_mesh
 def test_the_schemas_are_those_of_the_models(kind):
     schema = json.loads((REFERENCE / "schema" / f"{kind}.json").read_text("utf-8"))
-    assert schema == MESSAGES[kind].model_json_schema(), f"docs/reference/schema/{kind}.json is out of date; {REWRITE}"
+    assert in_order(schema) == in_order(MESSAGES[kind].model_json_schema()), (
+        f"docs/reference/schema/{kind}.json is out of date; {REWRITE}"
+    )
 
 
 def fields_in(text):
