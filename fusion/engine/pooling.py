@@ -20,13 +20,12 @@ from functools import cache
 import numpy as np
 
 from common import SECOND_NS
+from common.posterior import FACETS_LIMIT
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.weighing import ObserverTrust, Rule, RuleResult
 
 FACING = "facing"
-FACETS_LIMIT = 32
-"""Facets that are pooled at most, so that invented names cost no time."""
 FACETS_NS = SECOND_NS // 5
 """Between verdicts facets are pooled this seldom: people read them, and observers send new ones 10 times a second."""
 NOT_POOLED: Floats = np.empty(0)  # keeps the place of a facet among the others
@@ -145,6 +144,7 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
             continue
         names = {name for facets in published for name in facets if name != FACING}
         trust = observer_trust(case.posteriors)
+        # A limit for all observers together, so that invented names cost no time.
         for name in sorted(names)[:FACETS_LIMIT]:
             sizes = [len(posterior.facets.get(name, ())) for posterior in case.posteriors]
             size = _most_common([own for own in sizes if own])

@@ -288,9 +288,9 @@ def test_other_rule_quorum_and_threshold(write, records):
     capture = write(records)
     assert labels(judge_again(capture, ReplayChange(quorum=3))) == ["bowing", "abstain", "stretch"]
     assert labels(judge_again(capture, ReplayChange(threshold=0.999999))) == ["abstain"] * 3
-    rules = (ReplayChange(rule=rule, threshold=0.8) for rule in ("log", "linear"))
-    by_log, by_median = (labels(judge_again(capture, change)) for change in rules)
-    assert by_log != by_median
+    rules = (ReplayChange(rule=rule, threshold=0.8) for rule in ("log", "product"))
+    by_log, by_product = (labels(judge_again(capture, change)) for change in rules)
+    assert by_log != by_product
 
 
 @pytest.mark.parametrize(
