@@ -230,7 +230,8 @@ def _posterior_odds(bits: list[float], z: list[float]) -> list[float]:
     for divergence_bits, z_one_wrong in zip(bits, z[1:], strict=True):
         participation = 1.0 if divergence_bits >= PARTICIPATION_BITS else divergence_bits / PARTICIPATION_BITS
         participants += participation
-        doubts.append(participation * min(z_one_wrong / z_none_wrong, BAYES_FACTOR_LIMIT) ** BETA)
+        ratio = z_one_wrong / z_none_wrong
+        doubts.append(participation * (ratio if ratio < BAYES_FACTOR_LIMIT else BAYES_FACTOR_LIMIT) ** BETA)
     odds = ODDS_OF_FOUR
     if participants < 4.0:
         odds = ODDS_OF_THREE * min(max(participants - 2.0, 0.0), 1.0)

@@ -241,10 +241,9 @@ def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:
         return p
     observers, size = p.shape
     neutral, answers = 1.0 / (size + 1), np.empty((observers, size + 1))
-    answers[:, size] = [
-        neutral if posterior.unlearned is None else posterior.unlearned for posterior in case.posteriors
-    ]
-    np.multiply(p, 1.0 - answers[:, size:], answers[:, :size])
+    unlearned = [neutral if posterior.unlearned is None else posterior.unlearned for posterior in case.posteriors]
+    answers[:, size] = unlearned
+    np.multiply(p, np.array([[1.0 - u] for u in unlearned]), answers[:, :size])
     return answers
 
 
