@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from observer.features import REFERENCE_HZ
 from observer.tracks import Floats
 
-ANALYSED_HZ = 15.0
-"""Traces at twice this rate or more are thinned out: no part of a body goes to and fro five times a second."""
 SHORTEST_S = 0.25
 """What goes to and fro faster is the noise of a tracker: waving hands were never faster in kinder_gator."""
 COMPARED_PERIODS = 2
@@ -26,8 +25,6 @@ SMALLEST = 0.06
 """Body sizes, root mean square of all parts together: what people who hold a pose do not exceed (.03 to .06)."""
 NEARLY_HIGHEST = 0.9
 """The first peak that is nearly the highest tells the period: those after it tell its multiples."""
-TINY = 1e-12
-"""Square body sizes: the divisor for takes in which nothing moves."""
 AXES = 2
 """Principal directions of a movement: people repeat it with the one hand or with the other."""
 
@@ -121,7 +118,8 @@ def oscillation_of(takes: Sequence[Floats], rate_hz: float, *, repeated: bool = 
 
     repeated: somebody says that the movement is repeated; without periods in its takes, each take is one.
     """
-    step = max(int(rate_hz / ANALYSED_HZ), 1)
+    # Traces at 30 Hz or more are thinned out: no part of a body goes to and fro five times a second.
+    step = max(int(rate_hz / REFERENCE_HZ), 1)
     postures, thinned_hz = [thinned(postures_of(trace), step) for trace in takes], rate_hz / step
     periods = [period_in(each, thinned_hz) for each in postures]
     if repeated and 2 * sum(period is not None for period in periods) <= len(takes):
@@ -141,5 +139,5 @@ def oscillation_of(takes: Sequence[Floats], rate_hz: float, *, repeated: bool = 
 def _directions(cycles: Floats, lag: int) -> Floats:
     """(D, D) second moment of the directions in which postures (F, D) go to and fro once a period; its trace is 1."""
     wave = np.exp(-2j * np.pi * np.arange(len(cycles)) / lag) @ cycles
-    moment: Floats = np.outer(wave, wave.conj()).real / max(float((np.abs(wave) ** 2).sum()), TINY)
+    moment: Floats = np.outer(wave, wave.conj()).real / (float((np.abs(wave) ** 2).sum()) or 1.0)
     return moment

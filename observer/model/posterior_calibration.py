@@ -18,7 +18,6 @@ TEMPERATURES = np.geomspace(0.5, 8.0, 33)
 DOUBTS = np.array([0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2])
 FEWEST_EXAMPLES = 20
 """With fewer evaluated examples a fit is partly chance; the fewer, the nearer the result is to CAUTIOUS."""
-TINY_P = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +73,7 @@ def fit_calibration(results: Sequence[HeldOutResult]) -> PosteriorCalibration:
         right = softmax(logs / temperature)[np.arange(len(truth)), truth]
         # A model without an error in n examples may be wrong in the next.
         for doubt in DOUBTS[min(1.0 / len(truth), CAUTIOUS.doubt) <= DOUBTS]:
-            loss = -float(np.log((1 - doubt) * right + doubt / logs.shape[1] + TINY_P).mean())
+            loss = -float(np.log((1 - doubt) * right + doubt / logs.shape[1]).mean())
             best = min(best, (loss, float(temperature), float(doubt)))
     fitted = PosteriorCalibration(*best[1:])
     cautious, share = at_least_cautious(fitted), min(len(results) / FEWEST_EXAMPLES, 1.0)

@@ -88,13 +88,9 @@ class Stacked(LearnsStreams):
         facings = facings_in(header.parameters)
         split = [_split(header, e) for e in examples]
         phase = Phase.learn(_phase_header(header), [p for p, _ in split if p.movement >= 0])
-        shown = thin_facings([d for _, d in split], facings)
-        return cls._learned(header, phase, shown, thin_facings([_trace_of(header, s) for s in streams], facings))
-
-    @classmethod
-    def _learned(cls, header: Header, phase: Phase, shown: Sequence[Example], streams: Sequence[Stream]) -> Self:
-        table = _table(header, shown, streams)
-        memory = TrainingMemory.of(shown, table.traces, streams, table.traces_of_streams)
+        shown = thin_facings([replace(d, tracks=()) for _, d in split], facings)
+        others = thin_facings([replace(_trace_of(header, s), tracks=()) for s in streams], facings)
+        memory, table = TrainingMemory(tuple(shown), tuple(others)), TrainingTable(header, shown, others)
         model = cls._assembled(header, phase, table, (), memory)
         leaning = leans_on(model.segments, table.usual_posture, header, memory.examples)
         provenance = {**header.provenance, LEANS_ON: json.dumps(leaning)}
@@ -127,7 +123,7 @@ class Stacked(LearnsStreams):
         chosen = learned_facings(examples, facings)
         place = {n: k for k, n in enumerate(chosen)}
         streams = thin_facings([_trace_of(header, s) for s in cross_validation.streams], facings)
-        table = self._table or _table(header, [split[n][1] for n in chosen], streams)
+        table = self._table or TrainingTable(header, [split[n][1] for n in chosen], streams)
         rows = []
         for number, fold in enumerate(cross_validation.folds):
             gone, part = set(fold), (number, len(cross_validation.folds))
@@ -224,17 +220,6 @@ class _Learned:
             raise ValueError(f"usual_posture has shape {usual.shape}; ({2 * parts},) is expected")
         trailing = TrailingFeatures.from_arrays(arrays, header.rate_hz, parts)
         return cls(trailing, int(arrays["longest"].astype(np.int64)[0]), (lengths, extents, usual))
-
-
-def _table(header: Header, shown: Sequence[Example], streams: Sequence[Stream]) -> TrainingTable:
-    traces, of_streams = ([_features_of(each) for each in source] for source in (shown, streams))
-    return TrainingTable(header, shown, traces, streams, of_streams)
-
-
-def _features_of(shown: Example | Stream) -> Floats32:
-    if shown.features is None:
-        raise ValueError("its trace has not been read")
-    return shown.features.astype(np.float32)
 
 
 def _task_of(header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Floats:

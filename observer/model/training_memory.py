@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Arrays, Example, Stream, StreamSpan
-from observer.tracks import Floats, Floats32
+from observer.tracks import Floats
 
 OF_EXAMPLES, OF_STREAMS = "example", "stream"
 """Prefixes of the arrays' names."""
@@ -23,22 +23,6 @@ class TrainingMemory:
 
     examples: tuple[Example, ...]
     streams: tuple[Stream, ...]
-
-    @classmethod
-    def of(
-        cls,
-        examples: Sequence[Example],
-        traces: Sequence[Floats32],
-        streams: Sequence[Stream],
-        of_streams: Sequence[Floats32],
-    ) -> Self:
-        """Of what a model learns from, with the traces of the examples and of the streams."""
-        return cls(
-            tuple(replace(e, tracks=(), features=t.astype(np.float64)) for e, t in zip(examples, traces, strict=True)),
-            tuple(
-                replace(s, tracks=(), features=t.astype(np.float64)) for s, t in zip(streams, of_streams, strict=True)
-            ),
-        )
 
     def renumbered(self, new_index: Mapping[int, int]) -> Self:
         """Only the examples of these movements, with new indices, and streams without the spans of others."""

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Example, Header, Stream
-from observer.model.body_trace import extent
+from observer.model.body_trace import extent, width_of
 from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
 from observer.model.trailing_features import TrailingFeatures, Windows
+from observer.model.training_memory import trace_in
 from observer.model.training_rows import part_of, rows_of_examples, rows_of_streams
 from observer.tracks import Floats, Floats32
 
@@ -27,18 +28,17 @@ LEAST_EXTENT = 1e-3
 
 
 class TrainingTable:
-    """Rows of trailing windows and of segments, for one model and its cross-validation."""
+    """Rows of trailing windows and of segments, for one model and its cross-validation.
 
-    def __init__(
-        self,
-        header: Header,
-        examples: Sequence[Example],
-        traces: Sequence[Floats32],
-        streams: Sequence[Stream],
-        traces_of_streams: Sequence[Floats32],
-    ) -> None:
+    The last columns of the features of examples and streams are their traces.
+    """
+
+    def __init__(self, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> None:
         self._header, self._examples, self._streams = header, examples, streams
-        self.traces, self.traces_of_streams = traces, traces_of_streams
+        width = width_of(len(header.body_parts))
+        traces, traces_of_streams = (
+            [trace_in(each)[:, -width:].astype(np.float32) for each in source] for source in (examples, streams)
+        )
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
         self.longest, self.extents = max(own), _usual_extents(examples, traces, header)
         self.lengths = _usual_lengths(examples, traces, header.vocabulary.size)

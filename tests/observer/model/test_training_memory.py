@@ -26,7 +26,10 @@ def memory():
     examples = [Example((), m, k, person, "7") for m, k, person in ((0, 0, "anna"), (2, 1, "b"), (-1, 0, ""))]
     spans = (StreamSpan(2, 5, 0, "1"), StreamSpan(5, 7, 1, "2"), StreamSpan(8, 9, -1, "3"))
     streams = [Stream((), spans, 0, "anna", "9"), Stream((), (), 1, "b", "4")]
-    return TrainingMemory.of(examples, [trace(4), trace(1), trace(3)], streams, [trace(10), trace(2)])
+    examples = [replace(e, features=trace(n)) for e, n in zip(examples, (4, 1, 3), strict=True)]
+    return TrainingMemory(
+        tuple(examples), tuple(replace(s, features=trace(n)) for s, n in zip(streams, (10, 2), strict=True))
+    )
 
 
 def same(one, other):

@@ -76,7 +76,7 @@ def traces_of(examples):
 
 @pytest.fixture(scope="module")
 def table(header, examples):
-    return TrainingTable(header, examples, traces_of(examples), (), ())
+    return TrainingTable(header, examples, ())
 
 
 def test_targets_are_distributions_and_a_movement_is_shown_from_a_third_on(examples):
@@ -95,7 +95,7 @@ def test_targets_are_distributions_and_a_movement_is_shown_from_a_third_on(examp
 def test_another_seed_draws_other_kernels_and_the_same_one_the_same(header, examples, table):
     def of(seed):
         drawn = replace(header, parameters={**header.parameters, "seed": seed})
-        return TrainingTable(drawn, examples, traces_of(examples), (), ())
+        return TrainingTable(drawn, examples, ())
 
     def arrays(table):
         return [*table.trailing.as_arrays().values(), *table._segments.rocket.as_arrays().values()]
@@ -186,7 +186,7 @@ def test_channels_of_a_segment_are_the_places_of_parts_and_their_differences():
 def test_a_fold_does_not_learn_from_those_left_out(header, examples, table):
     fold = [n for n, e in enumerate(examples) if e.subject == "3"]
     others = [replace(e, movement=(e.movement + 1) % 3) if e.subject == "3" else e for e in examples]
-    mislabelled = TrainingTable(header, others, traces_of(others), (), ())
+    mislabelled = TrainingTable(header, others, ())
     for one, other in zip(table.learn(fold)[:1], mislabelled.learn(fold)[:1], strict=True):
         # Blends are chosen by movement, so that a few of their rows differ.
         np.testing.assert_allclose(one.weights, other.weights, atol=0.3)
@@ -203,7 +203,7 @@ def test_streams_of_people_left_out_are_left_out_and_else_only_the_spans(header,
         return Stream(tracks, tuple(spans), 0, subject, "0")
 
     streams = with_features(Stacked, header, [stream("0"), stream("1")])
-    table = TrainingTable(header, examples, traces_of(examples), streams, [s.features.astype("f4") for s in streams])
+    table = TrainingTable(header, examples, streams)
     person = {n for n, e in enumerate(examples) if e.subject == "0"}
     none, some = table._stream_rows_apart(person, (0, 2))
     assert not none.any() and some.all()
@@ -247,7 +247,7 @@ def test_the_people_left_out_are_watched_as_a_person_is_later(examples, watched)
 def test_of_people_who_show_no_movement_each_fold_leaves_out_and_watches_another_part(header, examples):
     life = Stream(examples[0].tracks * 3, (), 0, "somebody else", "0")
     streams = with_features(Stacked, header, [life])
-    table = TrainingTable(header, examples, traces_of(examples), streams, [streams[0].features.astype("f4")])
+    table = TrainingTable(header, examples, streams)
     parts = [next(streams_left_out(streams, examples, [0], (k, 3))) for k in range(3)]
     assert [t for part in parts for t in part.tracks] == list(life.tracks)
     learned = np.array([table._stream_rows_apart({0}, (k, 3))[0] for k in range(3)])
