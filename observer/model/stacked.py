@@ -6,7 +6,6 @@ alone. `stacker.py` weighs what they say (docs/design/model.md).
 """
 
 import json
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -227,9 +226,9 @@ def _task_of(header: Header, examples: Sequence[Example], streams: Sequence[Stre
     takes = [e for e in examples if e.movement >= 0 and e.facing == examples[0].facing]
     movements = header.vocabulary.size
     other_s = sum(s.other_frames for s in streams if s.facing == streams[0].facing) / header.rate_hz
-    # The effective number: a single take by a second person hardly makes two people.
-    shares = np.array([*Counter(e.subject for e in takes).values()]) / max(len(takes), 1)
-    return task_of(len(takes) / movements, math.exp(-float(shares @ np.log(shares))), movements, other_s)
+    # The effective number, 1 / P(two takes are of one person): one take by a second person hardly makes two people.
+    shares = np.array([*Counter(e.subject for e in takes).values()]) / len(takes)
+    return task_of(len(takes) / movements, 1 / float(shares @ shares), movements, other_s)
 
 
 def _stacker_arrays(stacker: Stacker) -> dict[str, Floats]:

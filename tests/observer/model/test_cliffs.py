@@ -83,9 +83,9 @@ def test_one_more_changes_little(people, labels, subjects, trials, last):
         more = [*few, *mirrored(takes_of(people, subjects, ("byebye",), trials), more_labels[-1])]
     before, after = judged(few, labels, shown), judged(more, more_labels, shown)
     assert len(before[0]) >= 100
-    # Two seeds of one model differ by up to 3 points; a second person's single take costs .14 nats.
+    # Two seeds of one model differ by up to 3 points.
     assert abs(np.mean(after[0]) - np.mean(before[0])) <= 0.05
-    assert abs(np.mean(after[1]) - np.mean(before[1])) <= 0.15
+    assert abs(np.mean(after[1]) - np.mean(before[1])) <= 0.1
 
 
 def test_a_second_take_of_one_movement_lies_between_one_and_two_of_each(people):
