@@ -144,7 +144,9 @@ def doubt_of_camera(path: Path, header: Header, observer: str, others: Collectio
 
 def _as_json(header: Header) -> dict[str, Any]:
     background = {} if header.background is None else {"background": list(header.background)}
-    placement = {} if header.placement is None else {"placement": _placement_as_json(header.placement)}
+    person = header.placement
+    placement = {} if person is None else {"placement": {"place": list(person.place), "facing": person.facing_deg}}
+    times = {label: own.model_dump(exclude_none=True) for label, own in header.vocabulary.movements.items()}
     return {
         "format": FORMAT,
         "kind": header.kind,
@@ -152,7 +154,7 @@ def _as_json(header: Header) -> dict[str, Any]:
             "name": header.vocabulary.name,
             "hash": header.vocabulary.digest,
             "labels": list(header.vocabulary.labels),
-            "movements": _times_as_json(header.vocabulary),
+            "movements": times,
         },
         "view": header.view,
         "matrix": header.matrix.tolist(),
@@ -166,19 +168,12 @@ def _as_json(header: Header) -> dict[str, Any]:
     }
 
 
-def _times_as_json(vocabulary: Vocabulary) -> dict[str, Any]:
-    return {label: times.model_dump(exclude_none=True) for label, times in vocabulary.movements.items()}
-
-
-def _placement_as_json(placement: PersonPlacement) -> dict[str, Any]:
-    return {"place": list(placement.place), "facing": placement.facing_deg}
-
-
 def _header_from(document: dict[str, Any]) -> Header:
     words = document["vocabulary"]
+    times = {str(label): MovementTimes.model_validate(own) for label, own in words.get("movements", {}).items()}
     header = Header(
         kind=document["kind"],
-        vocabulary=Vocabulary(tuple(words["labels"]), words["name"], _times_from(words.get("movements", {}))),
+        vocabulary=Vocabulary(tuple(words["labels"]), words["name"], times),
         view=document["view"],
         matrix=np.array(document["matrix"], dtype=np.float64).reshape(3, 4),
         rate_hz=float(document["rate_hz"]),
@@ -196,11 +191,6 @@ def _header_from(document: dict[str, Any]) -> Header:
     if not np.isfinite(header.matrix).all():
         raise ValueError("matrix contains NaN or infinity")
     return header
-
-
-def _times_from(document: dict[str, Any]) -> dict[str, MovementTimes]:
-    """Durations by label; ValueError for numbers out of range."""
-    return {str(label): MovementTimes.model_validate(times) for label, times in document.items()}
 
 
 def _placement_from(document: dict[str, Any]) -> PersonPlacement | None:
