@@ -6,7 +6,7 @@
 3. Where a person may want to look or rest (`LessonInterface.ready`) a page waits, and a terminal does not.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from common.errors import LabanmeshError
@@ -171,18 +171,19 @@ class Lesson:
         done.discard(take)
         return True
 
-    def _count_down(self, step: Step) -> None:
-        """Count down to `now`."""
+    def _count_down(self, step: Step, begin: Callable[[], object] = lambda: None) -> None:
+        """Count down, `begin`, and only then say `now`: who reacts in 0.2 s must not be faster than a busy machine."""
         for left in range(self._plan.countdown, 0, -1):
             self._interface.show(replace(step, kind="countdown", left_s=left))
             self._interface.pause(1.0)
+        begin()
         self._interface.show(step)
 
     def _take(self, step: Step, number: int) -> Mapping[str, TeachReply]:
         plan, interface, participants = self._plan, self._interface, self._participants
         participants.take_back()
-        self._count_down(step)
-        participants.request("begin", label=step.label, take=number, person=plan.person)
+        begun = {"label": step.label, "take": number, "person": plan.person}
+        self._count_down(step, lambda: participants.request("begin", **begun))
         limit_s = TAKE_LIMIT_S if plan.seconds is None else plan.seconds
         begun_s = interface.now_s()
         while interface.now_s() - begun_s < limit_s:

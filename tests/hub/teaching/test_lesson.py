@@ -232,6 +232,23 @@ def test_a_camera_that_is_lost_is_said_once_and_its_return_too():
     assert lines.count("shelf: has pictures again") == 1
 
 
+def test_observers_record_before_the_signal_so_that_a_busy_machine_cuts_no_beginning(monkeypatch):
+    """A performer, and nearly a person, begins 0.2 s after the signal; a busy observer may take seconds to begin."""
+    order = []
+
+    def show(interface, step):
+        order.append(step.kind)
+
+    def ask(interface, request, names):
+        order.append(request.command)
+        return FakeInterface.ask(interface, request, names)
+
+    monkeypatch.setattr(PressedInterface, "show", show)
+    monkeypatch.setattr(PressedInterface, "ask", ask)
+    teach({"sofa": Observer()}, takes=2)
+    assert [order[n - 1] for n, kind in enumerate(order) if kind == "now"] == ["begin"] * 4
+
+
 def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
     sofa = Observer()
     sofa.takes = {"wave": [1]}
