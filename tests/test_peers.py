@@ -35,6 +35,8 @@ from studies.report import FRACTIONS
 from studies.trials import SUBSETS, make_trials
 
 DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))
+PHASE = {"model": "phase", "calibrated": False}
+"""Settings of tests that are not about our model."""
 LABELS = ("ok", "shake")
 HEAD = BODY_PARTS.index("head")
 
@@ -147,7 +149,7 @@ def recording_peer(calls):
 
 def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
     """Other people for training than for test, for each fraction and seed."""
-    calls, settings = [], EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
+    calls, settings = [], EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",), **PHASE)
     peers = {"MiniRocket": recording_peer(calls)}
     comparison = compare_peers(archive, "both", settings, PeerOptions((0, 1)), peers=peers)
     assert len(calls) == 2 * len(FRACTIONS) and [g[3] for g in calls[:2]] == [0, 1]
@@ -168,7 +170,8 @@ def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
 
 def test_a_peer_for_each_observer_sees_one_view_of_the_wanted_parts(archive):
     parts = ("left_hand", "right_hand", "head")
-    calls, settings = [], EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",), body_parts=parts)
+    calls, asked = [], {"views": DOOR_WHEEL, "labels": LABELS, "train_subjects": ("1",), "body_parts": parts}
+    settings = EvaluationSettings(**asked, **PHASE)
     comparison = compare_peers(archive, "both", settings, PeerOptions(), peers={}, alone=recording_peer(calls))
     assert len(calls) == 2 * len(FRACTIONS) and {g[5] for g in calls} == {6 + 4 + 6}
     assert len({g[4] for g in calls}) == 2 * len(FRACTIONS), "door and wheel differ"
@@ -191,7 +194,7 @@ def test_sensors_judge_by_product_and_a_missing_one_is_left_out(archive):
     fewer = tuple(r for n, r in enumerate(archive.recordings) if n != judged[1])
     sensors = (archive, dataclasses.replace(archive, recordings=fewer))
     views = (View("a", DOOR_WHEEL[0].matrix), View("b", DOOR_WHEEL[1].matrix))
-    settings = EvaluationSettings(views=views, labels=LABELS, train_subjects=("1",), sensors=sensors)
+    settings = EvaluationSettings(views=views, labels=LABELS, train_subjects=("1",), **PHASE, sensors=sensors)
     comparison = compare_peers(archive, "both", settings, PeerOptions(), peers={}, alone=certain_peer())
     curves = {curve.name: curve.right for curve in comparison.curves}
     assert list(curves) == ["ours, fused", "ours, a", "ours, b", PRODUCT, "MiniRocket, a", "MiniRocket, b"]
@@ -208,7 +211,7 @@ def test_sensors_judge_by_product_and_a_missing_one_is_left_out(archive):
 def test_our_curves_are_the_accuracies_of_evaluate(archive):
     from studies.report import as_json
 
-    result = evaluate(archive, EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",)))
+    result = evaluate(archive, EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",), **PHASE))
     figures, curves = as_json(result), our_curves(result)
     assert curves[0].right.mean(axis=1) == pytest.approx(list(figures["accuracy_at"].values()))
     assert curves[2].right.mean(axis=1) == pytest.approx(list(figures["per_view"]["wheel"]["accuracy_at"].values()))
