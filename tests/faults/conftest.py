@@ -10,7 +10,7 @@ import subprocess
 import fault_hosts
 import pytest
 from fault_processes import Process
-from fault_stage import SERVICES, Replay, Stage
+from fault_stage import LONG, SERVICES, Replay, Stage
 from processes import labanmesh
 
 DISK_KB = 96
@@ -20,7 +20,7 @@ DISK_KB = 96
 @pytest.fixture(scope="session")
 def long_form():
     """Whether to take the time that the long form takes."""
-    return os.environ.get("LABANMESH_FAULTS") == "long"
+    return LONG
 
 
 @pytest.fixture(scope="session")

@@ -6,12 +6,14 @@ through the `projected` tracker, which needs no picture.
 
 import json
 import math
+import os
 import sys
 import time
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import pytest
 from fault_processes import SOON_S, Process
 from once import made_once
 from processes import labanmesh
@@ -27,6 +29,9 @@ from observer.motion.archive_file import write_archive
 from studies.performer import perform, perform_continuously
 
 HERE = Path(__file__).parent
+LONG = os.environ.get("LABANMESH_FAULTS") == "long"
+LONG_FORM = pytest.mark.skipif(not LONG, reason="the long form: make faults")
+"""A mark, so that no fixture learns or starts processes for a test that is skipped."""
 MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
 SERVICES = ("first", "second")
 VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}

@@ -4,15 +4,13 @@ import sys
 
 import pytest
 from fault_processes import Process
-from fault_stage import HERE, VIEWS, Stage, all_count, counted, judged
+from fault_stage import HERE, LONG_FORM, VIEWS, Stage, all_count, counted, judged
 
 HOUR_S = 3600.0
 
 
-@pytest.mark.parametrize("shift_s", [HOUR_S, -HOUR_S])
+@pytest.mark.parametrize("shift_s", [HOUR_S, pytest.param(-HOUR_S, marks=LONG_FORM)])
 def test_the_votes_of_an_observer_in_another_hour_have_their_true_age(replay, tmp_path, long_form, shift_s):
-    if shift_s < 0 and not long_form:
-        pytest.skip("the long form: make faults")
     with Stage(replay, tmp_path) as stage:
         stage.with_clock("door", shift_s)
         stage.play()
@@ -27,9 +25,8 @@ def test_the_votes_of_an_observer_in_another_hour_have_their_true_age(replay, tm
         assert abs(skews[-1] - shift_s) < 0.2
 
 
-def test_the_votes_of_an_observer_whose_clock_stands_still_date_from_their_arrival(replay, tmp_path, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_the_votes_of_an_observer_whose_clock_stands_still_date_from_their_arrival(replay, tmp_path):
     with Stage(replay, tmp_path, observers=(*VIEWS, "echo"), extra="quorum = 2") as stage:
         command = [sys.executable, str(HERE / "fault_peers.py"), "echo", str(stage.file), "door", "echo"]
         stage.processes["echo"] = Process(command)

@@ -1,15 +1,11 @@
 """Processes that stop for seconds and go on, as a swapping machine or a suspended container lets them."""
 
-import os
 import time
 
 import pytest
-from fault_stage import SECOND_NS, SERVICES, all_count, judged, longest_gap_s
+from fault_stage import LONG, LONG_FORM, SECOND_NS, SERVICES, all_count, judged, longest_gap_s
 
-LONG = os.environ.get("LABANMESH_FAULTS") == "long"
 FROZEN_S = 5.0 if LONG else 2.0
-LONG_FORM = pytest.mark.skipif(not LONG, reason="the long form: make faults")
-"""A mark, so that no process is started for a test that is skipped."""
 KINDS = ("leader", *(pytest.param(kind, marks=LONG_FORM) for kind in ("standby", "observer", "hub", "router")))
 
 

@@ -12,6 +12,7 @@ import pytest
 from fault_film import RATE_HZ, REST, film, pointing, seen, waving, waving_left, write
 from fault_hosts import RIGHT
 from fault_processes import Process
+from fault_stage import LONG_FORM
 from processes import labanmesh, until
 
 from common import SECOND_NS
@@ -69,9 +70,8 @@ def run(*words):
     assert done.returncode == 0, done.stderr
 
 
-def test_four_observers_on_two_hosts_are_taught_and_change_within_a_second(home, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_four_observers_on_two_hosts_are_taught_and_change_within_a_second(home):
     processes, folder = home
     processes["router"].start()
     processes["router"].wait_for("listening")
@@ -138,9 +138,8 @@ def sofa(tmp_path):
         process.kill()
 
 
-def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa):
     file, fusion, observer = sofa
     fusion.wait_for("point, 1 of 1 agree, ended", times=2, timeout_s=60)
     wrong = re.findall(r"verdict (home-\d+): point, 1 of 1 agree, ended", fusion.log)
@@ -164,9 +163,8 @@ def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa, long_form)
     assert not [path for path in file.parent.glob("*.model") if path.exists()]
 
 
-def test_nothing_that_was_taught_counts_again_when_the_observer_starts_anew(sofa, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_nothing_that_was_taught_counts_again_when_the_observer_starts_anew(sofa):
     file, fusion, observer = sofa
     observer.kill()
     # Taught beside the scene file at first, and later in a folder for what is taught.

@@ -6,7 +6,7 @@ import pytest
 from fault_disk import fill
 from fault_film import film
 from fault_processes import Process
-from fault_stage import HERE
+from fault_stage import HERE, LONG_FORM
 from processes import labanmesh
 
 from benchmarks.timing import free_port
@@ -54,9 +54,8 @@ def home(tmp_path, small_disk):
 
 
 @pytest.mark.parametrize("small_disk", [4096], indirect=True)
-def test_a_camera_an_observer_and_a_disk_fail_within_a_lesson_and_it_goes_on(home, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_a_camera_an_observer_and_a_disk_fail_within_a_lesson_and_it_goes_on(home):
     processes, folder = home
     processes["router"].start().wait_for("listening")
     for name in ("camera", "fusion", "sofa", "shelf", "lamp"):
@@ -88,9 +87,8 @@ def test_a_camera_an_observer_and_a_disk_fail_within_a_lesson_and_it_goes_on(hom
     assert len(taken["sofa"]) >= 6 and ("wave", "1") in taken["shelf"] and ("wave", "1") in taken["lamp"]
 
 
-def test_a_teacher_that_is_killed_goes_on_where_it_stopped(home, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_a_teacher_that_is_killed_goes_on_where_it_stopped(home):
     processes, folder = home
     processes["router"].start().wait_for("listening")
     for name in ("camera", "fusion", "shelf"):

@@ -4,7 +4,7 @@ import time
 
 import pytest
 from fault_slow_line import SlowLine
-from fault_stage import SECOND_NS, Stage, all_count, counted, judged, longest_gap_s
+from fault_stage import LONG_FORM, SECOND_NS, Stage, all_count, counted, judged, longest_gap_s
 
 OUT_S = 5.0
 FAR, NEAR = ("corner", "wheel"), ("door",)
@@ -29,12 +29,13 @@ def pull(hosts, how):
     return lambda: [host.link("up") for host in ends[how]]
 
 
-@pytest.mark.parametrize("how", ["one end", "other end", "both ends", "in between"])
+WAYS = ("one end", *(pytest.param(how, marks=LONG_FORM) for how in ("other end", "both ends", "in between")))
+
+
+@pytest.mark.parametrize("how", WAYS)
 def test_while_a_cable_is_pulled_the_near_observers_are_judged_and_then_lost_packets_lose_no_verdict(
     replay, tmp_path, hosts, long_form, how
 ):
-    if how != "one end" and not long_form:
-        pytest.skip("the long form: make faults")
     # Where the first packet may be lost, because the other end is still down, TCP sends it again after a second.
     within_s = 1.0 if how in ("one end", "other end") else 2.0
     with split(replay, tmp_path, hosts) as stage:
@@ -89,9 +90,8 @@ def after(witness, at_ns):
     return next((one for one in witness.judgements if one["at_ns"] > at_ns and counted(one, *FAR)), None)
 
 
-def test_a_long_line_loses_no_verdict(replay, tmp_path, long_form):
-    if not long_form:
-        pytest.skip("the long form: make faults")
+@LONG_FORM
+def test_a_long_line_loses_no_verdict(replay, tmp_path):
     with Stage(replay, tmp_path) as stage, SlowLine(stage.port, 0.2) as line:
         far = stage.write("far.toml", f"tcp/127.0.0.1:{line.port}", extra="fresh_s = 0.6")
         for name in FAR:
