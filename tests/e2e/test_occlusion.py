@@ -1,69 +1,76 @@
-"""An occluder in front of one camera of three: real processes, rendered pictures, and the weights of fusion."""
+"""An occluder in front of one camera of three, from rendered pictures to the weights of fusion; by the film's time."""
+
+import heapq
+import threading
 
 import numpy as np
 import pytest
-from e2e_stage import PERFORMED, free_endpoint, played, started, write_scene
-from processes import labanmesh
+from e2e_stage import PERFORMED, played, write_scene
 
 from common import SECOND_NS
-from common.config import MeshConfig
-from common.link import Link
-from common.messages import JudgementMessage, PosteriorMessage
-from common.wire import decode
+from common.config import read_scene
+from observer.model.model_file import read_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
+from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler
+from observer.runtime.scene_inputs import open_inputs
 from observer.tracking.head import have_cascade
 from observer.tracks import BODY_PARTS
+from studies.fusion_engine import FusionEngine, step
 from studies.performer import perform_continuously
+
+START_NS = 1_700_000_000 * SECOND_NS
 
 
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
 def test_the_weight_of_an_occluded_camera_falls_at_once_and_recovers(stage):
     """The first observer sees pictures, with a box in front of its camera in the middle third of the movement."""
-    recording, endpoint = perform_continuously("1", PERFORMED[:1]), free_endpoint()
+    recording = perform_continuously("1", PERFORMED[:1])
     write_archive(stage / "one.npz", MotionArchive(BODY_PARTS, (recording,)))
     span = recording.spans[0]
     begin_s, end_s = ((span.start + share * (span.end - span.start)) / recording.rate_hz for share in (1 / 3, 2 / 3))
-    observers = played(motion="one.npz")
+    observers = played(motion="one.npz", more="speed = 0\n")
     observers["door"] += 'tracker = "camshift"\nrate_hz = 30\n'
     observers["door.virtual"] = f"occluders = [[0, 0, 1, 1, {begin_s}, {end_s}]]\n"
-    # On a busy machine pictures are judged late: their age must not count, only what they show.
-    file = write_scene(stage / "scene.toml", endpoint, observers, "[fusion]\nfresh_s = 1.5\n")
-    # It is played in real time, which a busy machine may not keep once.
-    for _ in range(3):
-        before, behind, back = weighed(*played_once(stage, file, endpoint), begin_s, end_s)
-        if behind and behind[0] < before and np.mean(behind) < 0.8 * before and back == "counted":
-            return
-    raise AssertionError(f"{before:.3f} before, {behind} behind the box, then {back}")
+    scene = read_scene(write_scene(stage / "scene.toml", "tcp/127.0.0.1:0", observers), {})
+    votes, seen = votes_of("door", scene)
 
-
-def played_once(stage, file, endpoint):
-    """The judgements, and the posteriors of the observer whose camera is occluded."""
-    judgements, posteriors = [], []
-    with Link.open(MeshConfig(endpoint=endpoint), "hub") as hub:
-        inbox = hub.inbox("laban/dojo/judgement", "laban/dojo/observer/door/posterior")
-        with started(stage, labanmesh("up", file, "--exit-when-done")) as up:
-            while up.poll() is None:
-                for arrival in inbox.take(0.1):
-                    if arrival.key.endswith("judgement"):
-                        judgements.append(decode(JudgementMessage, arrival.payload))
-                    else:
-                        posteriors.append(decode(PosteriorMessage, arrival.payload))
-            assert up.returncode == 0
-    return judgements, posteriors
-
-
-def weighed(judgements, posteriors, begin_s, end_s):
-    """Its mean weight before the occlusion, its weights behind it, and its state half a second after."""
-    began_ns = posteriors[0].captured_ns
-
-    def votes(first_s, last_s=np.inf):
+    def between(first_s, last_s=np.inf):
         """The votes on what the camera saw in that time."""
-        voted = [(j.at_ns - began_ns, j.votes["door"]) for j in judgements if j.votes["door"].age_s is not None]
-        return [vote for at_ns, vote in voted if first_s <= at_ns / SECOND_NS - vote.age_s < last_s]
+        return [vote for at_s, vote in votes if first_s <= at_s - vote.age_s < last_s]
 
-    hidden = [p for p in posteriors if begin_s + 0.1 < (p.captured_ns - began_ns) / SECOND_NS < end_s]
-    assert not any(any(p.visible.values()) for p in hidden)
-    before = np.mean([vote.weight for vote in votes(begin_s - 0.4, begin_s)] or [0.0])
-    after = [vote.state for vote in votes(end_s + 0.5)] or ["not judged"]
-    return before, [vote.weight for vote in votes(begin_s + 0.3, end_s)], after[0]
+    assert seen and not [at_s for at_s in seen if begin_s + 0.1 < at_s < end_s]
+    before = np.mean([vote.weight for vote in between(begin_s - 0.4, begin_s)])
+    behind = [vote.weight for vote in between(begin_s + 0.3, end_s)]
+    assert behind[0] < before and np.mean(behind) < 0.8 * before, f"{before:.3f} before, {behind} behind the box"
+    assert between(end_s + 0.5)[0].state == "counted"
+
+
+def timed(observer, inputs):
+    """(ns, observer, frame) of each frame of its film."""
+    for frame in inputs.source.frames(threading.Event()):
+        yield frame.at_ns, observer, frame
+
+
+def votes_of(name, scene):
+    """(seconds, vote) of that observer in each judgement, and the seconds in which it saw a part of the body."""
+    watching = {}
+    for observer in scene.roster:
+        model = read_model(scene.model_file(observer))
+        inputs = open_inputs(scene, observer, model.header.body_parts)
+        encoder = PosteriorEncoder(model.header.vocabulary, observer)
+        watching[observer] = Observer(inputs.tracker, model, None, Resampler(model.header.rate_hz)), inputs, encoder
+    frames = heapq.merge(*(timed(each, inputs) for each, (_, inputs, _) in watching.items()), key=lambda each: each[:2])
+    vocabulary = next(iter(watching.values()))[0].vocabulary
+    engine = FusionEngine(scene.scene, list(scene.roster), vocabulary, scene.fusion)
+    votes, seen = [], []
+    for at_ns, observer, frame in frames:
+        watcher, _, encoder = watching[observer]
+        posterior, now_ns = watcher.step(frame), START_NS + at_ns
+        output = step(engine, {observer: encoder.encode(posterior, now_ns, now_ns)}, now_ns)
+        vote = output.judgement.votes[name]
+        if vote.age_s is not None:
+            votes.append((at_ns / SECOND_NS, vote))
+        if observer == name and any(posterior.visible.values()):
+            seen.append(at_ns / SECOND_NS)
+    return votes, seen
