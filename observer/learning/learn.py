@@ -24,7 +24,7 @@ from observer.model.base import (
     learned_from,
     with_features,
 )
-from observer.model.cross_validation import CrossValidates, CrossValidation, judged_as
+from observer.model.cross_validation import CrossValidation, judged_as
 from observer.model.even_spread import evenly_spread
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, at_least_cautious, fit_calibration
@@ -171,7 +171,7 @@ def with_calibration(
     front = [e for e in examples if e.facing == 0]
     by_person = folds_by_person(front)
     folds = by_person or folds_by_recording(front)
-    if isinstance(model, CrossValidates):
+    if isinstance(model, LearnsStreams):
         share = MOST_WATCHED / len(examples)
         watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
         folds = at_all_facings(examples, fewer_folds(front, folds))

@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import ClassVar, Protocol, Self, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from observer.geometry.placement import PersonPlacement
 from observer.model.parameters import Parameter, check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.tracks import Floats, Tracks
+
+if TYPE_CHECKING:
+    from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 
 Arrays = Mapping[str, NDArray[np.generic]]
 
@@ -219,6 +222,9 @@ class LearnsStreams(Protocol):
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """As `learn`; the examples include the movements in the spans. There may be no streams."""
+
+    def cross_validated(self, cross_validation: "CrossValidation") -> "LearnedFromOthers":
+        """Evaluate the examples of each fold with a model of all others, and learn from that."""
 
 
 def learned_from(

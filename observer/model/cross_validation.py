@@ -1,11 +1,10 @@
-"""Cross-validation of a kind of model that evaluates whole folds at once: its input, its result, its protocol. Pure."""
+"""Cross-validation of a kind of model that evaluates whole folds at once: its input and its result. Pure."""
 
 import json
 from collections import Counter
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
 
 from common.vocabulary import Vocabulary
 from observer.model.base import Arrays, Example, Header, Stream
@@ -39,14 +38,6 @@ class LearnedFromOthers:
     results: list[HeldOutResult]
     arrays: Arrays = field(default_factory=dict)
     strange_named: float | None = None
-
-
-@runtime_checkable
-class CrossValidates(Protocol):
-    """The additional method of a model that evaluates all examples of a fold at once, and learns from that."""
-
-    def cross_validated(self, cross_validation: CrossValidation) -> LearnedFromOthers:
-        """Evaluate the examples of each fold with a model of all others."""
 
 
 def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:
