@@ -25,7 +25,7 @@ STARTS = 5
 GOAL_S, HELP_GOAL_S = 0.5, 0.2
 LABANMESH = str(Path(sys.executable).with_name("labanmesh"))
 BARE = (
-    "import msgpack, numpy, pydantic, typer, zenoh; config = zenoh.Config();"
+    "import msgpack, msgspec, numpy, pydantic, typer, zenoh; config = zenoh.Config();"
     "config.insert_json5('scouting/multicast/enabled', 'false'); zenoh.open(config); import os; os._exit(0)"
 )
 SCENE = """scene = "start"

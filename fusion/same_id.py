@@ -201,19 +201,21 @@ class IdCheck:
         The token of a killed process disappears within TOKEN_TIMEOUT_S. A token for which no process answers keeps no
         service away. Raises SameIdError when a process with this id answers.
         """
+        asked_s = time.monotonic()
         with self._session:
-            while (waited_s := time.monotonic() - self._begun_s) < DISCOVERY_S or self._alive in self._presence.alive:
-                if stop.wait(0.02):
-                    return False
+            # Once in any case: what has arrived while the process was busy needs a moment to be taken.
+            while not stop.wait(0.02):
                 now_s = time.monotonic()
                 if self._alive in self._presence.alive:
                     self._questions.ask(now_s)
+                elif now_s - self._begun_s >= DISCOVERY_S:
+                    return True
                 if self._detector.any_confirmed(now_s):
                     raise SameIdError(self._alive)
-                if waited_s > TOKEN_TIMEOUT_S:
+                if now_s - asked_s > TOKEN_TIMEOUT_S:
                     log.warning("%s: a token of this id exists, but no process answers for it", self._alive)
-                    break
-        return True
+                    return True
+        return False
 
 
 class SameIdWatch:
