@@ -104,23 +104,6 @@ MANY_SCENES = _Products(
 )
 
 
-@dataclass(slots=True)
-class _Weighed:
-    """w (..., H, N) (2); x (..., H, M) = ln L_h(m); the P(h), and W^(gamma-1) (3), both (..., H); bits (..., N)."""
-
-    w: Floats
-    x: Floats
-    hypotheses: Floats
-    factor: Floats
-    bits: Floats
-
-    def shares(self, products: _Products) -> Floats:
-        """(..., N) how much each observer is heard, summing to 1."""
-        information = products.average(self.hypotheses * self.factor, self.w) * self.bits + TINY
-        shares: Floats = information / _total(information)
-        return shares
-
-
 def guarded_product(p: Floats, prior: Floats, observers: ObserverTrust) -> RuleResult:
     """(..., N, M) posteriors, (M,) prior -> the pooled p (..., M), and shares (..., N)."""
     is_many, products = p.shape[-2] > MOST_PAIRED, ONE_SCENE if p.ndim == 2 else MANY_SCENES
@@ -129,31 +112,40 @@ def guarded_product(p: Floats, prior: Floats, observers: ObserverTrust) -> RuleR
         trusts = [ObserverTrust(*scene) for scene in zip(observers.trust, observers.correlations, strict=True)]
         results = [guarded_product(scene, prior, own) for scene, own in zip(p, trusts, strict=True)]
         return RuleResult(np.array([result.p for result in results]), np.array([result.weights for result in results]))
-    weighed = _weigh(p, prior, observers, products)
-    logs = weighed.factor[..., None] * weighed.x
+    w, x, hypotheses, factor, bits = _weigh(p, prior, observers, products)
+    logs = factor[..., None] * x
     mass = np.exp(logs - logs.max(axis=-1, keepdims=True) if is_many else logs)
-    pooled = products.average(weighed.hypotheses / products.matrices(mass, prior), mass) * prior
-    return RuleResult(pooled, weighed.shares(products))
+    pooled = products.average(hypotheses / products.matrices(mass, prior), mass) * prior
+    return RuleResult(pooled, _shares(products.average(hypotheses * factor, w), bits))
 
 
 def guarded_weights(p: Floats, prior: Floats, observers: ObserverTrust) -> PoolingWeights:
     """(..., N, M) posteriors, (M,) prior -> exponents (..., H, N) and probabilities of H hypotheses: N + 1, or 1."""
     products = ONE_SCENE if p.ndim == 2 else MANY_SCENES
-    weighed = _weigh(p, prior, observers, products)
-    exponents, epsilon = weighed.w * weighed.factor[..., None], np.full(p.shape[:-1], EPSILON)
-    return PoolingWeights(exponents, epsilon, weighed.shares(products), weighed.hypotheses)
+    w, _, hypotheses, factor, bits = _weigh(p, prior, observers, products)
+    shares = _shares(products.average(hypotheses * factor, w), bits)
+    return PoolingWeights(w * factor[..., None], np.full(p.shape[:-1], EPSILON), shares, hypotheses)
 
 
-def _weigh(p: Floats, prior: Floats, observers: ObserverTrust, products: _Products) -> _Weighed:
+def _weigh(
+    p: Floats, prior: Floats, observers: ObserverTrust, products: _Products
+) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """w (..., H, N) (2); x (..., H, M) = ln L_h(m); P(h) and W^(gamma-1) (3), (..., H); bits (..., N)."""
     fixed = _fixed(p.shape[-2], prior.tobytes(), p.ndim)
     logs = np.log(p * fixed.scale + fixed.offset)
     bits = np.maximum(products.matrices(p * logs[0], fixed.to_bits), ZERO)
     w = _exponents(p, logs[2], bits, observers, fixed, products)
     x = products.matrices(w, logs[1])
     z = products.matrices(np.exp(x if p.shape[-2] <= MOST_PAIRED else x - x.max()), prior)
-    hypotheses = _hypotheses(bits, z)
     effective_number = (products.of_each(w, bits) ** 2 + D0_SQUARED) / (products.of_each(w, bits * bits) + D0_SQUARED)
-    return _Weighed(w, x, hypotheses, np.power(np.maximum(effective_number, ONE), EXPONENT), bits)
+    return w, x, _hypotheses(bits, z), np.power(np.maximum(effective_number, ONE), EXPONENT), bits
+
+
+def _shares(mean_exponents: Floats, bits: Floats) -> Floats:
+    """(..., N) how much each observer is heard, summing to 1."""
+    information = mean_exponents * bits + TINY
+    shares: Floats = information / _total(information)
+    return shares
 
 
 def _total(information: Floats) -> float | Floats:
