@@ -39,7 +39,7 @@ from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.segment_conditions import GUARDS, REVISIONS_LIMIT, Conditions
 from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, SegmentState, Transition
-from fusion.engine.segment_watch import RESTING, SegmentStep
+from fusion.engine.segment_watch import ENDING, RESTING, SegmentStep
 from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, Start, pauses_of
 
 __all__ = ["REVISIONS_LIMIT", "Segmenter"]
@@ -207,11 +207,7 @@ class Segmenter(Conditions):
 
     def _revise(self, step: SegmentStep) -> Published:
         """Replace the label: by the one that was held as rest began, or in motion by the one that is held now."""
-        decision, quiet, is_resting = (
-            self.decision,
-            self._watch.quiet,
-            self.state in (SegmentState.ENDING, SegmentState.SETTLED),
-        )
+        decision, quiet, is_resting = self.decision, self._watch.quiet, self.state in ENDING
         label = self.renamed() if is_resting else step.named
         if decision is None or label is None:
             return ()
