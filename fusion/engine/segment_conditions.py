@@ -54,7 +54,7 @@ class Conditions:
         label = step.named
         if label is None and quiet is not None and quiet.since_ns == at_ns and held is not None and held.agreed_ns:
             label = held.label
-        if movement is None or label is None or self.is_short(at_ns):
+        if movement is None or label is None or self.is_short(at_ns) or step.gap_ns > HIDING_S * SECOND_NS:
             return None
         is_carried = movement.carried in (ANY, label) and at_ns - movement.began_ns < CARRIED_S * SECOND_NS
         return None if is_carried and (quiet is None or not step.state.observed) else label

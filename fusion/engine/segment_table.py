@@ -44,7 +44,7 @@ class Event(Enum):
     OUTAGE_IN_MOTION = "an outage is over, and the person moves"
     OUTAGE_AT_REST = "an outage is over, and the person does not move"
     LONG_OUTAGE_AT_REST = "an outage that may hide a movement is over, and the person does not move"
-    LONG_OUTAGE = "an outage that hides more than a movement is over"
+    LONG_OUTAGE = "it was so long that the same label would be another movement"
 
 
 class Effect(Enum):
@@ -59,8 +59,6 @@ class Effect(Enum):
     DECIDE = "decided"
     REVISE = "revised"
     END = "ended"
-    ABSTAIN = "ended: abstain"
-    OUTLAST = "ended: when it was seen last"
     NEXT = "ended; the next begins when its label did"
     NEXT_NOW = "ended; the next begins"
 
@@ -76,17 +74,14 @@ class Transition:
 
 
 _UNDECIDED = (
-    Transition(Event.LONG_OUTAGE_AT_REST, SegmentState.IDLE, Effect.ABSTAIN, 9),
+    Transition(Event.LONG_OUTAGE_AT_REST, SegmentState.IDLE, Effect.END, 9),
     Transition(Event.OUTAGE_AT_REST, SegmentState.LOST, Effect.REST, 9),
     Transition(Event.OUTAGE_IN_MOTION, SegmentState.MOVING, Effect.BEGIN, 9),
 )
-_OUTAGE = (
-    Transition(Event.LONG_OUTAGE, SegmentState.IDLE, Effect.OUTLAST, 9),
-    Transition(Event.OUTAGE, SegmentState.PASSED, Effect.MISS, 9),
-)
-_DECIDED = (*_OUTAGE, Transition(Event.RESTS, SegmentState.ENDING, Effect.REST, 4))
+_OUTAGE = Transition(Event.OUTAGE, SegmentState.PASSED, Effect.MISS, 9)
+_DECIDED = (_OUTAGE, Transition(Event.RESTS, SegmentState.ENDING, Effect.REST, 4))
 _ENDING = (
-    *_OUTAGE,
+    _OUTAGE,
     Transition(Event.RENAMED, SegmentState.SETTLED, Effect.REVISE, 6),
     Transition(Event.RESTED, SegmentState.IDLE, Effect.END, 4),
 )
@@ -122,7 +117,9 @@ TABLE: Mapping[SegmentState, tuple[Transition, ...]] = {
         Transition(Event.LEFT, SegmentState.PASSED, Effect.NOTHING, 7),
     ),
     SegmentState.PASSED: (
-        *_DECIDED,
+        _OUTAGE,
+        Transition(Event.LONG_OUTAGE, SegmentState.IDLE, Effect.END, 9),
+        _DECIDED[1],
         Transition(Event.ANOTHER, SegmentState.MOVING, Effect.NEXT, 7),
         Transition(Event.MOVES_ON, SegmentState.MOVING, Effect.NEXT_NOW, 7),
         Transition(Event.MISSED, SegmentState.IDLE, Effect.END, 7),

@@ -225,9 +225,6 @@ class Segmenter(Conditions):
     def _end_now(self, step: SegmentStep) -> Published:
         return self._end(step, self.named(step), None)
 
-    def _abstain(self, step: SegmentStep) -> Published:
-        return self._end(step, None, None)
-
     def _drop(self, step: SegmentStep) -> Published:
         self._finish()
         return ()
@@ -244,10 +241,6 @@ class Segmenter(Conditions):
         quiet_ns = at_ns if quiet is None else quiet.since_ns
         ended_ns = movement.outage_ns or (quiet_ns if ended_ns is None else ended_ns)
         return () if decision is None else (replace(decision, ended_ns=ended_ns, stage="ended"),)
-
-    def _outlast(self, step: SegmentStep) -> Published:
-        self._miss(step)
-        return self._end(step, None, None)
 
     def _count(self, state: PooledState) -> None:
         """Take how often a periodic movement has been done so far."""
@@ -268,8 +261,6 @@ EFFECTS: Mapping[Effect, Callable[[Segmenter, SegmentStep], Published]] = {
     Effect.DECIDE: Segmenter._decide,
     Effect.REVISE: Segmenter._revise,
     Effect.END: Segmenter._end_now,
-    Effect.ABSTAIN: Segmenter._abstain,
-    Effect.OUTLAST: Segmenter._outlast,
     Effect.NEXT: Segmenter._begin_next,
     Effect.NEXT_NOW: Segmenter._begin_next_now,
 }

@@ -49,7 +49,7 @@ def test_only_a_decided_movement_is_revised_and_only_what_is_published_leaves_it
         SegmentState.SETTLED,
     }
     for state, row in ROWS:
-        if row.effect in (Effect.REVISE, Effect.NEXT, Effect.NEXT_NOW, Effect.OUTLAST):
+        if row.effect in (Effect.REVISE, Effect.NEXT, Effect.NEXT_NOW):
             assert state in decided
         if state in decided and row.state not in decided:
             assert row.effect.value.startswith("ended")
