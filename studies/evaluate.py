@@ -20,7 +20,7 @@ from studies.fusion_engine import (
     first_word,
     get_rule,
     pool_many,
-    steadiness_after,
+    steady_trusts,
 )
 from studies.observing import Extent, ObservedFold, OutputCourse, learn_observer, observe_folds
 from studies.sensors import frames_at_fractions
@@ -171,10 +171,9 @@ def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> 
 
 def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
     rule, prior = get_rule(settings.rule), uniform(result.views.shape[2])
-    steadiness = _steadiness(result)
+    trusts = _steady_trusts(result)
     cases = [
-        PoolingCase(rule, _votes(result, n, steadiness[n]), prior, settings.temperature)
-        for n in range(len(result.views))
+        PoolingCase(rule, _votes(result, n, trusts[n]), prior, settings.temperature) for n in range(len(result.views))
     ]
     pools = pool_many(cases)
     facing = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
@@ -193,22 +192,19 @@ def fusion_of(settings: EvaluationSettings) -> FusionConfig:
     return FusionConfig(rule=settings.rule, temperature=settings.temperature, quorum=quorum)
 
 
-def _steadiness(result: TrialResult) -> Floats:
-    """(F, V) the steadiness of each observer in each frame over that of the steadiest, as the fusion engine has it."""
+def _steady_trusts(result: TrialResult) -> Floats:
+    """(F, V) the trust in each observer by its own course in each frame, as the fusion engine has it."""
     neutral = 1.0 / (result.views.shape[2] + 1)
     unlearned = np.full(result.views.shape[:2], np.nan) if result.unlearned is None else result.unlearned
     unlearned = np.nan_to_num(unlearned, nan=neutral)[:, :, None]
     answers = np.concatenate([result.views * (1.0 - unlearned), unlearned], axis=2)
-    steadiness = np.ones(answers.shape[:2])
-    frame_s = 1.0 / result.trial.recording.rate_hz
-    for n in range(1, len(answers)):
-        for v in np.flatnonzero(result.judged_by):
-            steadiness[n, v] = steadiness_after(steadiness[n - 1, v], answers[n - 1, v], answers[n, v], frame_s)
-    relative: Floats = steadiness / steadiness[:, result.judged_by].max(axis=1, keepdims=True)
-    return relative
+    judged = np.flatnonzero(result.judged_by)
+    trusts = np.ones(answers.shape[:2])
+    trusts[:, judged] = steady_trusts(answers[:, judged], result.trial.recording.rate_hz)
+    return trusts
 
 
-def _votes(result: TrialResult, frame: int, steadiness: Floats) -> list[AgedPosterior]:
+def _votes(result: TrialResult, frame: int, trusts: Floats) -> list[AgedPosterior]:
     """The votes as the fusion engine has them when the outputs arrive over the mesh at once."""
     votes = []
     for v, p in enumerate(result.views[frame]):
@@ -219,7 +215,7 @@ def _votes(result: TrialResult, frame: int, steadiness: Floats) -> list[AgedPost
         if unlearned is not None and np.isnan(unlearned):
             unlearned = None
         rest = 0.0 if result.rest is None else float(result.rest[frame, v])
-        reliability = round(float(steadiness[v]), 3)
+        reliability = float(trusts[v])
         votes.append(
             AgedPosterior(
                 str(v), p, rest, 0.0, "counted", unlearned=unlearned, surprise=surprise, reliability=reliability

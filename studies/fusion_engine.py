@@ -2,14 +2,17 @@
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from common import SECOND_NS
 from common.messages import PosteriorMessage
+from common.probability import Floats
 from common.vocabulary import ABSTAIN
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase, facing_deg, pool_many, pool_posteriors
-from fusion.engine.reliability import steadiness_after
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, get_rule
+from fusion.engine.trust import HONEST, after_message, published_trust
 from fusion.engine.weighing import Rule
 from fusion.vocabulary_change import ObservedVocabularies
 
@@ -17,7 +20,7 @@ from fusion.vocabulary_change import ObservedVocabularies
 __all__ = [
     "DEFAULT_RULE", "AgedPosterior", "EngineOutput", "FusionEngine", "ObservedVocabularies", "PooledPosterior",
     "PoolingCase", "Rule", "facing_deg", "first_word", "get_rule",
-    "pool_many", "pool_posteriors", "steadiness_after", "step",
+    "pool_many", "pool_posteriors", "steady_trusts", "step",
 ]
 # fmt: on
 
@@ -42,3 +45,14 @@ def first_word(
             if verdict.label != ABSTAIN:
                 return n, verdict.label
     return None
+
+
+def steady_trusts(answers: Floats, rate_hz: float) -> Floats:
+    """(F, V, R) the answers of V observers in F frames -> (F, V) the trust in each by its own course over time."""
+    frames, observers, size = answers.shape
+    honest, trusts = [HONEST] * observers, np.ones((frames, observers))
+    for n in range(1, frames):
+        overlaps = size * (answers[n - 1] * answers[n]).sum(axis=1)
+        honest = [after_message(own, float(o), 1.0 / rate_hz) for own, o in zip(honest, overlaps, strict=True)]
+        trusts[n] = [published_trust(HONEST, own, sorted(honest)[observers // 2]) for own in honest]
+    return trusts

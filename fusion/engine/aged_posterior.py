@@ -13,7 +13,7 @@ import numpy as np
 
 from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
-from fusion.engine.reliability import information_of
+from fusion.engine.trust import HONEST, information_of
 
 POOLED_STATES = ("counted", "stale")
 """Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
@@ -26,10 +26,10 @@ NO_FACETS: Mapping[str, Sequence[float]] = {}
 
 @dataclass(frozen=True, slots=True)
 class ObserverRecord:
-    """Facts about an observer that are not in its messages; fields as in AgedPosterior."""
+    """Facts about an observer that are not in its messages; fields as in AgedPosterior. honest: P(its labels are)."""
 
     skew_s: float | None = None
-    reliability: float = 1.0
+    honest: float = HONEST
     correlations: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -43,9 +43,9 @@ class AgedPosterior:
     Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
-    name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
-    with other observers: learned from verdicts; reliability is also lower for an observer that contradicts itself
-    (reliability.py). freshness: k of rules 3 and 7, 0 to 1. repetitions: as published.
+    name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
+    labels and its course (trust.py). correlations: with other observers, learned from verdicts (reliability.py).
+    freshness: k of rules 3 and 7, 0 to 1. repetitions: as published.
     """
 
     observer: str
@@ -76,11 +76,10 @@ class AgedPosterior:
 class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
-    p, rest, surprise, facets: as in AgedPosterior while fresh. steadiness: above 0 to 1; steady_enough: the share of
-    the largest steadiness that counts as full (reliability.py, rule 6). session_ns: when its session began here.
-    captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part.
-    fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
-    last message. All times by our clock, Unix epoch.
+    p, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel (trust.py).
+    session_ns: when its session began here. captured_ns, received_ns: of the newest message. visible_ns: capture of the
+    newest frame that showed a body part. fault: the vote state after an unusable message; None after a usable one.
+    gone: the process disappeared after its last message. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
@@ -89,8 +88,7 @@ class RosterEntry:
     rest: float = 1.0
     surprise: Surprise | None = None
     facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    steadiness: float = 1.0
-    steady_enough: float = 1.0
+    steady: float = HONEST
     session_ns: int = 0
     captured_ns: int = 0
     received_ns: int = 0
@@ -105,7 +103,7 @@ class RosterEntry:
             self.past_sessions.append(self.message.session)
         if message.session in self.past_sessions:
             self.past_sessions.remove(message.session)
-        self.session_ns, self.visible_ns, self.steadiness = now_ns, captured_ns, 1.0
+        self.session_ns, self.visible_ns, self.steady = now_ns, captured_ns, HONEST
 
     def count_rejected(self, reason: str) -> None:
         """Count a message that was not used."""

@@ -7,18 +7,17 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
 from common.message_types import LAST_INTEGER
 from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.label_trust import LabelTrust
-from fusion.engine.messages import DoubtedObservers, JudgementBuilder, PublishedFacets, Stamp, published_facets
+from fusion.engine.clocks import Clocks
+from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
-from fusion.engine.roster import AgedPosterior, Clocks, ObserverRecord, Roster
+from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
@@ -30,9 +29,8 @@ from fusion.engine.verdicts import (
     build_verdict,
     close_verdict,
     contributions,
-    explain_undecided,
     progress_of,
-    why_contested,
+    why_undecided,
     why_waiting,
 )
 
@@ -46,10 +44,7 @@ class EngineOutput:
 
 
 class FusionEngine:
-    """Fuses the posteriors of one scene's observers.
-
-    Raises BadInput for an unknown rule.
-    """
+    """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule."""
 
     def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self.vocabulary = vocabulary
@@ -62,8 +57,6 @@ class FusionEngine:
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
-        self.label_trust = LabelTrust()
-        """Who is named; it takes part in no decision, so that a replay may set it as it was recorded."""
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
@@ -89,7 +82,7 @@ class FusionEngine:
         # Read at every step, and changed once per verdict.
         self._records = {
             observer: ObserverRecord(
-                self.skew_s(observer), reliability.reliability(observer), reliability.correlations(observer)
+                self.skew_s(observer), reliability.honest(observer), reliability.correlations(observer)
             )
             for observer in self._roster.rejected
         }
@@ -163,8 +156,7 @@ class FusionEngine:
         if pooled.facets is not None:
             self._facets, self._facets_ns = published_facets(pooled.facets), now_ns
         rest = self._rest.update(posteriors, now_ns)
-        doubted = DoubtedObservers(self._rest.reliability, self.label_trust.reliability)
-        ballot = self._builder.ballot(posteriors, pooled, doubted)
+        ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)
         captured_ns = newest_capture_ns(posteriors, now_ns)
@@ -192,7 +184,7 @@ class FusionEngine:
         basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
-        self.label_trust.update(judgement.votes, movement, self._records, now_ns)
+        self._roster.compare(movement, now_ns)
         return EngineOutput(judgement, self._released(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
@@ -224,9 +216,8 @@ class FusionEngine:
         it is in another vocabulary.
         """
         own, movement = self._segmenter.movement, judgement.movement
-        if movement is None or movement.label is None or (own is not None and own.decision is not None):
-            return False
-        if judgement.vocabulary.hash != self.vocabulary.digest:
+        decided = own is not None and own.decision is not None
+        if decided or movement is None or movement.label is None or judgement.vocabulary.hash != self.vocabulary.digest:
             return False
         self._segmenter.follow(progress_of(movement, judgement.repetitions))
         return True
@@ -243,17 +234,16 @@ class FusionEngine:
         self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictBasis
     ) -> list[VerdictMessage]:
         """The verdicts on what was decided now, based on `basis`; keeps the bases that later verdicts may need."""
-        verdicts: list[VerdictMessage] = []
-        if decisions or self._segmenter.basis_times:
-            bases = {**self._bases, now_ns: basis}
-            for decision in decisions:
-                verdicts.append(verdict := self._verdict(now_ns, decision, bases, self._stamp(now_ns)))
-                self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
-                # It carries the contributions, which take long to compute, to its next publication.
-                bases[verdict.decided_ns] = VerdictBasis(verdict, why=verdict.why)
-            self._keep_bases(bases)
-        else:
+        if not decisions and not self._segmenter.basis_times:
             self._bases = NO_BASES
+            return []
+        bases, verdicts = {**self._bases, now_ns: basis}, list[VerdictMessage]()
+        for decision in decisions:
+            verdicts.append(verdict := self._verdict(now_ns, decision, bases, self._stamp(now_ns)))
+            self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
+            # It carries the contributions, which take long to compute, to its next publication.
+            bases[verdict.decided_ns] = VerdictBasis(verdict, why=verdict.why)
+        self._keep_bases(bases)
         return verdicts
 
     def _keep_bases(self, bases: Mapping[int, VerdictBasis]) -> None:
@@ -271,10 +261,8 @@ class FusionEngine:
         return released
 
     def _why(self, state: PooledState, observers: int, began_ns: int, missing: Sequence[str]) -> str | None:
-        since_ns = self._segmenter.held_since_ns
-        held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
-        why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
-        why = why_contested(why, state.rest >= 0.5) if self._rest.contested else why
+        held_since_ns, contested = self._segmenter.held_since_ns, self._rest.contested
+        why = why_undecided(state, observers, held_since_ns, began_ns, contested, self._config)
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
         if is_nearer and self._segmenter.movement is not None:
             self._nearest = NearestMiss(began_ns, state.p, why)
@@ -290,15 +278,14 @@ class FusionEngine:
         basis_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
         basis = bases.get(basis_ns or 0, bases[now_ns])
         end = bases.get(decision.ended_ns or 0, basis)
-        verdict_id, contributed = (
-            self._builder.verdict_id(decision.began_ns),
-            self._contributions(basis, decision.label),
-        )
+        verdict_id = self._builder.verdict_id(decision.began_ns)
+        contributed = self._contributions(basis, decision.label)
         why = basis.why if decision.label == ABSTAIN else None
         if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
             why = self._nearest.why
-        facets = self._facets_at(end)
-        return build_verdict(basis.judgement, end.judgement, facets, decision, why, contributed, verdict_id, stamp)
+        return build_verdict(
+            basis.judgement, end.judgement, self._facets_at(end), decision, why, contributed, verdict_id, stamp
+        )
 
     def _facets_at(self, basis: VerdictBasis) -> PublishedFacets | None:
         """The facets at the step of `basis` itself: those of its judgement are up to FACETS_NS older."""

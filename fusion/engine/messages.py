@@ -7,7 +7,7 @@ clamped here (`_in_range`, `_entropies`). Tests validate what is made.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
@@ -63,14 +63,6 @@ class Stamp:
     session: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class DoubtedObservers:
-    """The reliability about rest (rest_trust.py) and of labels (label_trust.py), 0 to 1, where some is lost."""
-
-    rest: Mapping[str, float] = field(default_factory=dict)
-    labels: Mapping[str, float] = field(default_factory=dict)
-
-
 def published_facets(pooled: Mapping[str, Floats], judged: PublishedFacets | None = None) -> PublishedFacets:
     """Pooled facets as messages carry them, with the facing that was `judged`."""
     facets = {name: _in_range(p.tolist()) for name, p in pooled.items()}
@@ -88,8 +80,10 @@ class JudgementBuilder:
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
 
-    def ballot(self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, doubted: DoubtedObservers) -> Ballot:
-        """Every observer's vote, and the fused label."""
+    def ballot(
+        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, resting: Mapping[str, float]
+    ) -> Ballot:
+        """Every observer's vote, and the fused label. resting: trust in the rest probability, where some is lost."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows, names = pooled.rows, self._vocabulary.labels
         *p, pooled_p = rows.tolist()
@@ -105,8 +99,7 @@ class JudgementBuilder:
                 labels.append(label)
             name = posterior.observer
             votes[name] = _vote(
-                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing,
-                doubted.rest.get(name), doubted.labels.get(name),
+                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, resting.get(name),
             )  # fmt: skip
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
@@ -204,7 +197,6 @@ def _vote(
     label: str | None,
     with_facing: bool,
     rest_reliability: float | None,
-    label_reliability: float | None,
 ) -> Vote:
     is_used, facets = posterior.state in POOLED_STATES, posterior.facets
     surprise = posterior.surprise if with_facing else None
@@ -222,7 +214,7 @@ def _vote(
         "facets": facets or None,
         "reliability": posterior.reliability,
         "rest_reliability": rest_reliability,
-        "label_reliability": label_reliability,
+        "label_reliability": posterior.reliability if posterior.reliability < 1.0 else None,
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
         "root_p": roots if is_used else None,
         "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,

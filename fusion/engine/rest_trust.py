@@ -1,209 +1,134 @@
-"""The trust in each observer's rest probability. Pure: time is passed in.
+"""The trust in each observer's rest probability: the channel `rest` of trust.py. Pure: time is passed in.
 
 The design: fusion.md, "Who may say that the person rests".
 
-An observer that says rest is at least 1/2 is on the side of rest, else on the side of motion. It may be wrong, stuck or
-hostile. It loses trust if
+1. What the others say is the sum of their log odds for rest, each as far as it is honest; one that has changed sides
+   less than STAYED_S ago says nothing. OBSERVATION_S of it are one observation of (1) in trust.py. So two that
+   contradict each other lose alike.
+2. An observer that has not changed sides for STUCK_S, or never, says the same whatever happens: to agree is then no
+   merit, and each second in which it contradicts the others is an observation.
+3. One that changes sides more often than people do, and than most of the others, contradicts itself with each change.
+4. A posterior is cumulative, and learns while the person moves. What it learns while the observer says that the person
+   rests is against its course, the rest is for it. Of two that contradict each other, one is likely to be faulty, and
+   their courses show which.
+5. Trust is P(honest) over that of the most trusted.
 
-1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S), and more than OFTENER times as often as the
-   lower median of the others, all of which change sides often if the person moves in fits and starts;
-2. it has not changed sides while the others did; one that changes too often is no other. Any change of the others
-   takes trust at once, since a wrong side does harm. Its reliability loses only by changes that it missed: those that
-   lasted for so long that two of its own frames (STAYED_S) might have shown them;
-3. it is on another side than most of two or more others for much of the time. Of several others the lower median
-   counts, so that one of them cannot lower the trust in another;
-4. it and the only other contradict each other for much of the time, and its own posterior supports it less. A
-   cumulative posterior learns while the person moves: each gain g of information adds g (1 - rest) to `right` and
-   g rest to `wrong`, and evidence is e = right - wrong, 0 without a gain. Trust is the Bayes factor
-   exp(EVIDENCE c (e - max e)) of its side against the other's, with c, 0 to 1, for how much they contradict.
-
-If frames come late or seldom, sides are compared as of the capture of the oldest newest frame, so that lateness alone
-is no contradiction. Between two frames on different sides an observer may have been on either: there its older frame is
-compared with the others, and none of theirs with it.
-
-If two contradict each other and none of this shows which is wrong, rest is `contested`. The mean trust in an observer
-over the time in which it saw the person is its reliability about rest; votes publish it as `rest_reliability`.
+Frames may come late or seldom. Observers are compared as of the capture of the oldest newest frame; between two frames
+on different sides an observer may have been on either, and is not compared.
 """
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import permutations
 
 from common import SECOND_NS
+from common.message_types import CONTRADICTED
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.trust import (
+    BLUR,
+    CONTRADICTS,
+    HONEST,
+    LEAST,
+    OBSERVATION_S,
+    TRUSTED,
+    log_odds_of,
+    nats_of,
+    observed,
+    returned,
+)
 
 SIGHTED = 0.2
-"""The least freshness of an observer with which others are compared."""
-WINDOWS_S, CHANGES_LIMIT = (3.0, 12.0), (6, 16)
-"""Observers of recorded people change sides up to eight times in three seconds, seldom more than six; 16 in twelve."""
-OFTENER, CHANGES_KEPT = 1.5, 32
-STUCK_S, MISSED = 6.0, 4
-"""An observer that changed sides before is stuck after so long, and so many changes of the others."""
-MET_S = 1.0
-"""One that never changed sides is stuck after so long; those that change too often are known by then."""
+"""The least freshness of an observer that is compared: without a frame for a second it is not."""
+STUCK_S = 4.0
+"""Seconds; the movements of recorded people and the rest between them last 1 to 3.5 s."""
 STAYED_S = 0.3
-"""A change of another is missed if two frames so far apart show nothing of it: no turn, tail or blink of the other."""
-DISSENT_S = 8.0
-USUAL_DISSENT, DISSENT_RANGE = 0.25, 0.25
-"""Observers of recorded people differ from one another in 6 to 12 % of the time, at most 20 % of eight seconds."""
-LATE_S = 0.3
-"""A frame older than this is late; at 4 Hz, none in time is."""
-AGREED_S = 3.0
-"""Imagined agreement of two that have just met."""
-MOVEMENTS_KEPT, EVIDENCE, MOST_EVIDENCE = 4.0, 10.0, 0.5
-"""Gains fade with so many movements, and count so much; an observer has no use for inventing more than half of one."""
-CONTESTED, UNDECIDED = 0.2, 0.5
-"""Rest is contested if two contradict each other so much (c), and are trusted alike to this factor."""
-LEAST_TRUST = 0.05
-RELIABILITY_S, RELIABLE = 8.0, 0.9
-"""Trust is averaged over so long; observers of recorded people stay above .82, and those that lie fall below .1."""
+"""Seconds; where one observer takes a turn of a movement for rest, it does so for .1 to .3 s."""
+CHANGES_S, CHANGES_LIMIT = 12.0, 20.0
+"""Changes of side are counted with this memory in seconds. Observers of recorded people reach 18.6, one that changes
+with each of two frames a second 24."""
+OFTENER = 1.5
+"""Beside others that change sides often, as those of a person who moves in fits and starts, so many times as often."""
+GAIN = 2.0
+"""Observations that the information about one movement counts as; with 4, honest observers are named at .5 and 1 Hz."""
+CHANGES_KEPT = 64
+"""Changes of side that are remembered, for comparisons up to two seconds ago at 30 Hz."""
 REFRESH_S = 0.25
 """While no observer changes sides, trust is computed anew at this interval."""
 
 
 @dataclass(slots=True)
 class _Voter:
-    """One observer's side, when it changed it (newest last), its information, and what was gained on each side.
+    """One observer: its newest rest probability and side, and when it changed sides, newest last, by capture.
 
-    Times are those of capture, by our clock. captured_ns: of its newest frame. before_ns: of the last frame before each
-    change, as far as frames were looked at. missed: changes of each other one since it changed sides itself.
-    dissent: how much it lately differed from most of the others; contradiction: from the only other.
+    information: of its posterior. before_ns: the frame before each change. changes: a decaying count. honest, course:
+    P(honest) by comparison with others, and by its own course (4). trust: the result.
     """
 
-    rests: bool
+    rest: float
     information: float
-    met_ns: int
-    captured_ns: int = 0
+    captured_ns: int
+    rests: bool = True
     changed_ns: list[int] = field(default_factory=list)
     before_ns: list[int] = field(default_factory=list)
-    missed: dict[str, "_MissedChanges"] = field(default_factory=dict)
-    right: float = 0.0
-    wrong: float = 0.0
-    dissent: float = 0.0
-    contradiction: float = 0.0
-    compared_s: float = AGREED_S
-    reliability: float = 1.0
+    changes: float = 0.0
+    has_changed: bool = False
+    honest: float = HONEST
+    course: float = HONEST
+    trust: float = 1.0
+
+    def __post_init__(self) -> None:
+        self.rests = self.rest >= 0.5
 
     def note(self, posterior: AgedPosterior, now_ns: int) -> None:
         """Take its newest posterior."""
-        rests = posterior.rest >= 0.5
-        last_ns, self.captured_ns = self.captured_ns, now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
-        if rests != self.rests:
-            self.rests = rests
-            self.missed.clear()
+        last_ns, least = self.captured_ns, min(posterior.rest, self.rest)
+        self.captured_ns, self.rest = _captured_ns(posterior, now_ns), posterior.rest
+        self.has_changed = (posterior.rest >= 0.5) != self.rests
+        if self.has_changed:
+            idle_s = (self.captured_ns - self.changed_ns[-1]) / SECOND_NS if self.changed_ns else 0.0
+            self.rests, self.changes = not self.rests, self.changes * math.exp(-max(idle_s, 0.0) / CHANGES_S) + 1.0
             self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
             self.before_ns = [*self.before_ns[1 - CHANGES_KEPT :], last_ns]
-        information = posterior.information
-        gain, self.information = information - self.information, information
+        gain, self.information = posterior.information - self.information, posterior.information
         if gain > 0.0:
-            decay = math.exp(-gain / MOVEMENTS_KEPT)
-            self.right = self.right * decay + gain * (1.0 - posterior.rest)
-            self.wrong = self.wrong * decay + gain * posterior.rest
+            # Between two frames it may have learned on either side.
+            self.course = observed(returned(self.course, gain), GAIN * gain * nats_of(2.0 * (1.0 - least)))
 
-    def compare(self, others: Sequence["_Voter"], at_ns: int, seconds: float) -> None:
-        """Note the side that it was on at `at_ns`, beside the others, for so long (3, 4)."""
-        after = bisect_right(self.changed_ns, at_ns)
-        if after < len(self.changed_ns):
-            # Between two frames on different sides the first one speaks, as of its capture.
-            at_ns = min(at_ns, self.before_ns[after])
-        rests = self._side_before(after)
-        sides = [side for other in others if (side := other.rested_at(at_ns)) is not None]
-        if len(others) == 1 and sides:
-            share = 1.0 - math.exp(-seconds / self.compared_s)
-            self.compared_s = min(self.compared_s + seconds, DISSENT_S)
-            self.contradiction += ((rests != sides[0]) - self.contradiction) * share
-        elif len(sides) > 1 and 2 * (resting := sum(sides)) != len(sides):
-            differs = rests != (2 * resting > len(sides))
-            self.dissent += (differs - self.dissent) * (1.0 - math.exp(-seconds / DISSENT_S))
+    def rest_at(self, at_ns: int) -> float | None:
+        """Its rest probability then; None between two frames on different sides, when it may have been on either.
 
-    def rested_at(self, at_ns: int) -> bool | None:
-        """The side that it was on; None between two frames on different sides, when it may have been on either."""
-        after = bisect_right(self.changed_ns, at_ns)
-        if after < len(self.changed_ns) and self.before_ns[after] < at_ns:
-            return None
-        return self._side_before(after)
-
-    def stay_at(self, at_ns: int) -> tuple[bool, int, int]:
-        """The side that its frames show around `at_ns`, and when the first and the last of them were captured.
-
-        The first is `at_ns` where it is not known.
+        Of an earlier side only the side is kept.
         """
         after = bisect_right(self.changed_ns, at_ns)
-        last_ns = self.before_ns[after] if after < len(self.changed_ns) else self.captured_ns
-        return self._side_before(after), self.changed_ns[after - 1] if after else at_ns, last_ns
+        changes = len(self.changed_ns) - after
+        if changes and self.before_ns[after] < at_ns:
+            return None
+        return self.rest if changes == 0 else float(self.rests != (changes % 2 == 1))
 
-    def _side_before(self, change: int) -> bool:
-        """The side that it was on before its change of that index."""
-        return self.rests != ((len(self.changed_ns) - change) % 2 == 1)
+    def log_odds(self, rest: float, at_ns: int) -> float:
+        """Nats for rest if it says so then, as far as it is honest (1); 0 if it has just changed sides."""
+        before = bisect_right(self.changed_ns, at_ns)
+        if before and at_ns - self.changed_ns[before - 1] < STAYED_S * SECOND_NS:
+            return 0.0
+        honest = (1.0 - BLUR) * self.honest
+        p = honest * rest + (1.0 - honest) / 2.0
+        return math.log(p / (1.0 - p))
 
-    @property
-    def evidence(self) -> float:
-        """How much its own posterior supports its side (4): nats before EVIDENCE."""
-        return min(self.right - self.wrong, MOST_EVIDENCE)
+    def compare(self, rest: float, others: float, at_ns: int, seconds: float) -> None:
+        """Take its rest probability beside what the others say, nats for rest, for so long."""
+        is_stuck = not self.changed_ns or at_ns - self.changed_ns[-1] > STUCK_S * SECOND_NS
+        q = 1.0 / (1.0 + math.exp(-others))
+        nats = nats_of(2.0 * (rest * q + (1.0 - rest) * (1.0 - q)))
+        share = seconds / OBSERVATION_S
+        if not is_stuck:
+            self.observe(nats * share, share)
+        elif nats < 0.0:
+            self.observe(nats * seconds, share)
 
-    def changes_since(self, since_ns: int) -> int:
-        """How often it has changed sides."""
-        return len(self.changed_ns) - bisect_right(self.changed_ns, since_ns)
-
-    def calmness(self, now_ns: int, others: Sequence["_Voter"] = ()) -> float:
-        """1, or less if it changes sides too often, also beside the others (1)."""
-        fewest, longest_ns = CHANGES_LIMIT[0], round(WINDOWS_S[-1] * SECOND_NS)
-        if len(self.changed_ns) <= fewest or self.changed_ns[-1 - fewest] <= now_ns - longest_ns:
-            # The usual case: even the longest window holds no more than the shortest may.
-            return 1.0
-        calmness = 1.0
-        for window_s, limit in zip(WINDOWS_S, CHANGES_LIMIT, strict=True):
-            since_ns = now_ns - round(window_s * SECOND_NS)
-            changes, theirs = self.changes_since(since_ns), sorted(other.changes_since(since_ns) for other in others)
-            most = max(limit, OFTENER * theirs[(len(theirs) - 1) // 2]) if theirs else limit
-            calmness *= 1.0 if changes <= most else (most / changes) ** 3
-        return calmness
-
-    def watch(self, name: str, other: "_Voter") -> None:
-        """Note whether its newest frame shows that it missed a change of another (2)."""
-        missed = self.missed.get(name)
-        if missed is None:
-            missed = self.missed[name] = _MissedChanges(other.stay_at(self.captured_ns)[0])
-        missed.look(other, self.captured_ns)
-
-    def liveliness(self, others: Mapping[str, "_Voter"], now_ns: int) -> tuple[float, float]:
-        """Half for each change of the others that it has not made, and that it has missed, if it is no timing (2)."""
-        last_ns, until_ns = self.changed_ns[-1] if self.changed_ns else None, self.captured_ns
-        patience_s, allowed = (MET_S, 0) if last_ns is None else (STUCK_S, MISSED)
-        if now_ns - (last_ns or self.met_ns) <= patience_s * SECOND_NS:
-            return 1.0, 1.0
-        since_ns, half = last_ns or self.met_ns, (len(others) - 1) // 2
-        calm = {name: other for name, other in others.items() if other.calmness(now_ns) == 1.0}
-        rest = [0] * (len(others) - len(calm))
-        made = [other.changes_since(since_ns) - other.changes_since(until_ns) for other in calm.values()]
-        shown = [self.missed[name].count if name in self.missed else 0 for name in calm]
-        not_made, missed = (max(sorted(counts + rest)[half] - allowed, 0) for counts in (made, shown))
-        return float(0.5**not_made), float(0.5**missed)
-
-
-@dataclass(slots=True)
-class _MissedChanges:
-    """How often another has changed sides since an observer did, and the observer's own frames might have shown it.
-
-    rests: the side of the other that the observer's frames have shown last. first_ns: its first frame since the other
-    left that side.
-    """
-
-    rests: bool
-    count: int = 0
-    first_ns: int = 0
-
-    def look(self, other: _Voter, at_ns: int) -> None:
-        """A frame of the observer, captured at `at_ns`, shows no change."""
-        rests, began_ns, last_ns = other.stay_at(at_ns)
-        if rests == self.rests or min(last_ns, at_ns) - began_ns < STAYED_S * SECOND_NS:
-            return
-        if self.first_ns == 0:
-            self.first_ns = at_ns
-        elif at_ns - self.first_ns >= STAYED_S * SECOND_NS:
-            self.rests, self.count, self.first_ns = rests, self.count + 1, 0
+    def observe(self, nats: float, observations: float) -> None:
+        """Take observations of so many nats in all."""
+        self.honest = observed(returned(self.honest, observations), nats)
 
 
 class RestTrust:
@@ -213,87 +138,81 @@ class RestTrust:
         self.contested = False
         """Whether two observers contradict each other, and nothing shows which of them is wrong."""
         self.reliability: Mapping[str, float] = {}
-        """Mean trust in the observers lately, of those below RELIABLE."""
+        """The trust, of those below TRUSTED."""
         self._voters: dict[str, _Voter] = {}
         self._sides: list[bool | None] = []
-        self._names: list[str] = []
         self._trust: list[float] = []
-        self._now_ns = 0
+        self._now_ns = self._at_ns = 0
 
     def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
-        """The trust in each posterior of this step, LEAST_TRUST to 1."""
+        """The trust in each posterior of this step, LEAST to 1."""
         sides = [posterior.rest >= 0.5 if _is_sighted(posterior) else None for posterior in posteriors]
         elapsed_ns = now_ns - self._now_ns
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
             return self._trust
         if elapsed_ns < 0:
             self._voters.clear()
-        self._now_ns = now_ns
-        # Until now the sides were those of the last update.
-        seconds = min(max(elapsed_ns / SECOND_NS, 0.0), 1.0)
-        self._compare(now_ns - elapsed_ns, seconds)
-        sighted = [posterior for posterior, side in zip(posteriors, sides, strict=True) if side is not None]
-        for posterior in sighted:
-            name = posterior.observer
-            if name not in self._voters:
-                self._voters[name] = _Voter(posterior.rest >= 0.5, posterior.information, now_ns)
-            self._voters[name].note(posterior, now_ns)
-        self._sides, self._names = sides, [posterior.observer for posterior in sighted]
-        self._watch()
-        both = {posterior.observer: self._trust_in(posterior.observer, now_ns) for posterior in posteriors}
-        self._trust = [trust for trust, _ in both.values()]
-        self.contested, self.reliability = self._is_contested(both), self._reliability(both, seconds)
+            self._at_ns = 0
+        self._now_ns, self._sides = now_ns, sides
+        sighted = [
+            self._noted(posterior, now_ns)
+            for posterior, side in zip(posteriors, sides, strict=True)
+            if side is not None
+        ]
+        if len(sighted) > 1:
+            self._compare(sighted)
+        self._trust_in(sighted)
+        self.reliability = {name: voter.trust for name, voter in self._voters.items() if voter.trust < 1.0}
+        voters = [self._voters.get(posterior.observer) for posterior in posteriors]
+        self._trust = [1.0 if voter is None else voter.trust for voter in voters]
         return self._trust
 
-    def _watch(self) -> None:
-        """Note which changes of the others each observer has missed."""
-        for name, other in permutations(self._names, 2):
-            self._voters[name].watch(other, self._voters[other])
+    def _trust_in(self, sighted: Sequence[_Voter]) -> None:
+        """Compute the trust in each (5), and whether rest is contested."""
+        self.contested = False
+        if len(sighted) < 2:
+            return
+        believed = [voter.honest for voter in sighted] if len(sighted) > 2 else _apart(sighted[0], sighted[1])
+        largest = max(believed)
+        for voter, honest in zip(sighted, believed, strict=True):
+            is_full = honest >= TRUSTED * min(largest, HONEST)
+            voter.trust = 1.0 if is_full else max(round(honest / largest, 3), LEAST)
+        if len(sighted) == 2:
+            both = sighted[0].honest * sighted[1].honest
+            self.contested = both < 0.5 and min(voter.trust for voter in sighted) >= CONTRADICTED
 
-    def _compare(self, last_ns: int, seconds: float) -> None:
-        """Compare the sides since the last update: of `last_ns`, or of the oldest frame if that came late."""
-        at_ns = min((self._voters[name].captured_ns for name in self._names if name in self._voters), default=0)
-        at_ns = last_ns if last_ns - at_ns < LATE_S * SECOND_NS else at_ns
-        for voter, others in self._pairings():
-            voter.compare(others, at_ns, seconds)
+    def _noted(self, posterior: AgedPosterior, now_ns: int) -> _Voter:
+        name = posterior.observer
+        if name not in self._voters:
+            self._voters[name] = _Voter(posterior.rest, posterior.information, _captured_ns(posterior, now_ns))
+        self._voters[name].note(posterior, now_ns)
+        return self._voters[name]
 
-    def _pairings(self) -> Iterator[tuple[_Voter, list[_Voter]]]:
-        """Each observer that sees the person, with the others that do, if there are any."""
-        sighted = [self._voters[name] for name in self._names if name in self._voters]
-        for voter in sighted if len(sighted) > 1 else ():
-            yield voter, [other for other in sighted if other is not voter]
-
-    def _trust_in(self, observer: str, now_ns: int) -> tuple[float, float]:
-        """The trust in its side, and that of which its reliability is the mean."""
-        voter = self._voters.get(observer)
-        others = {name: self._voters[name] for name in self._names if name != observer}
-        if voter is None or not others:
-            return 1.0, 1.0
-        not_made, missed = voter.liveliness(others, now_ns)
-        trust = voter.calmness(now_ns, list(others.values())) * (1.0 - _excess(voter.dissent))
-        if len(others) == 1:
-            behind = max(next(iter(others.values())).evidence - voter.evidence, 0.0)
-            trust *= math.exp(-EVIDENCE * behind * _excess(voter.contradiction))
-        return max(trust * not_made, LEAST_TRUST), max(trust * missed, LEAST_TRUST)
-
-    def _is_contested(self, trust: Mapping[str, tuple[float, float]]) -> bool:
-        if len(self._names) != 2:
-            return False
-        contradiction = min(self._voters[name].contradiction for name in self._names)
-        low, high = sorted(trust[name][0] for name in self._names)
-        return _excess(contradiction) >= CONTESTED and low >= UNDECIDED * high
-
-    def _reliability(self, trust: Mapping[str, tuple[float, float]], seconds: float) -> dict[str, float]:
-        share = 1.0 - math.exp(-seconds / RELIABILITY_S)
-        for name in self._names:
-            voter = self._voters[name]
-            voter.reliability += (trust[name][1] - voter.reliability) * share
-        return {name: round(v.reliability, 3) for name, v in self._voters.items() if v.reliability < RELIABLE}
+    def _compare(self, voters: Sequence[_Voter]) -> None:
+        """Compare what each says with what the others say since the last update (1, 2)."""
+        at_ns, self._at_ns = self._at_ns, min(voter.captured_ns for voter in voters)
+        seconds = min(max((self._at_ns - at_ns) / SECOND_NS, 0.0), 1.0)
+        rests = [(voter, rest) for voter in voters if (rest := voter.rest_at(at_ns)) is not None]
+        nats = [voter.log_odds(rest, at_ns) for voter, rest in rests]
+        total, changes = sum(nats), [voter.changes for voter, _ in rests]
+        for n, ((voter, rest), own) in enumerate(zip(rests, nats, strict=True)):
+            voter.compare(rest, total - own, at_ns, seconds)
+            others = sorted(changes[:n] + changes[n + 1 :]) or [0.0]
+            if voter.has_changed and voter.changes > max(CHANGES_LIMIT, OFTENER * others[(len(others) - 1) // 2]):
+                voter.observe(CONTRADICTS, 0.0)
 
 
-def _excess(dissent: float) -> float:
-    """How much more two differ than honest observers do, 0 to 1."""
-    return min(max(dissent - USUAL_DISSENT, 0.0) / DISSENT_RANGE, 1.0)
+def _apart(one: _Voter, two: _Voter) -> tuple[float, float]:
+    """P(honest) of two: if one of them is faulty, their courses show which (4)."""
+    both, none = one.honest * two.honest, (1.0 - one.honest) * (1.0 - two.honest)
+    factor = math.exp((1.0 - both) * (log_odds_of(one.course) - log_odds_of(two.course)))
+    first, second = one.honest * (1.0 - two.honest) * factor, two.honest * (1.0 - one.honest) / factor
+    total = both + none + first + second
+    return (both + first) / total, (both + second) / total
+
+
+def _captured_ns(posterior: AgedPosterior, now_ns: int) -> int:
+    return now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
 
 
 def _is_sighted(posterior: AgedPosterior) -> bool:

@@ -3,7 +3,7 @@
 The design: fusion.md, "The roster".
 
 1. A posterior is cumulative, so only the newest by capture time is kept; two are never multiplied. Capture times are
-   by the fusion machine's clock, as far as the observer's clock is known (9 to 12).
+   by the fusion machine's clock, as far as the observer's clock is known (clocks.py).
 2. A restarted observer begins a new session, which counts at once; late messages of its past sessions do not. These
    come within seconds. If only a past session is received for more than `drop_s`, it counts again, so that no single
    faulty or forged message silences an observer for good. If a past session goes on beside the new one, two processes
@@ -21,35 +21,33 @@ The design: fusion.md, "The roster".
    visible body part restores it. Both k multiply.
 8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
    One older than `drop_s`, as from a capture that is played again, neither replaces a newer one nor keeps one away.
-9. An observer's stamps are corrected by its measured skew, unless the skew is within the measurement's uncertainty.
-10. No message is sent after it arrives. One whose corrected stamp lies in the future counts as sent on arrival, so that
-   the age of its frame is the difference of its own two stamps. A clock an hour ahead does not look fresh for ever.
-11. Two messages are not sent at the same time. If the second is not stamped later than the first, that clock stands
-   still or was set back, and every message counts as sent on arrival until the clock is read again.
-12. A capture time after the sending time contradicts itself: the frame counts as captured when the message was sent.
 """
 
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from common import SECOND_NS
-from common.clock_skew import ClockReading, ClockSkew
 from common.config_sections import FusionConfig
-from common.messages import PosteriorMessage, VoteState
+from common.messages import OngoingMovement, PosteriorMessage, VoteState
 from common.probability import Floats, array_of, entropy_bits, normalise, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.aged_posterior import NO_FACETS, NO_RECORD, RosterEntry, faded, freshness_after
 from fusion.engine.aged_posterior import POOLED_STATES as POOLED_STATES
 from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
 from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
-from fusion.engine.reliability import overlap_of, steadiness_after_overlap, steady_enough
+from fusion.engine.trust import (
+    HONEST,
+    LEAST_VOTES,
+    after_message,
+    nats_of,
+    observed,
+    overlap_of,
+    published_trust,
+)
 
-IGNORED_SKEW_NS = 5_000_000
-"""5 ms: a smaller skew is not corrected. It is less than a frame, and measurements over a network are no more exact."""
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -63,6 +61,7 @@ class Roster:
         self._drop_ns, self._fresh_s = config.drop_s * SECOND_NS, config.fresh_s
         self._states = {observer: RosterEntry() for observer in observers}
         self._present: frozenset[str] = frozenset()
+        self._compared_ns = 0
 
     @property
     def rejected(self) -> dict[str, Counter[str]]:
@@ -96,14 +95,28 @@ class Roster:
                 state.visible_ns = captured_ns
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
             overlap = overlap_of(state.p, last.unlearned, p, message.unlearned)
-            state.steadiness = steadiness_after_overlap(state.steadiness, overlap, seconds)
-            state.steady_enough = steady_enough(seconds)
+            state.steady = after_message(state.steady, overlap, seconds)
         state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
         state.facets = message.facets or NO_FACETS
         state.gone, state.fault = False, None
         return None
+
+    def compare(self, movement: OngoingMovement | None, now_ns: int) -> None:
+        """Compare the posteriors with the label that was decided (trust.py), for a second of each movement in all."""
+        since_ns, self._compared_ns = self._compared_ns, now_ns
+        if movement is None or movement.label not in self.vocabulary.labels or movement.decided_ns is None:
+            return
+        until_ns = movement.decided_ns + SECOND_NS
+        seconds = (min(now_ns, until_ns) - max(since_ns, movement.decided_ns)) / SECOND_NS
+        used = [(s, s.message) for s in self._states.values() if s.message is not None and not s.gone]
+        if seconds <= 0.0 or len(used) < LEAST_VOTES:
+            return
+        label = self.vocabulary.index(movement.label)
+        for state, message in used:
+            overlap = (self._size + 1) * float(state.p[label]) * (1.0 - (message.unlearned or 0.0))
+            state.steady = observed(state.steady, seconds * min(nats_of(overlap), 0.0))
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not be read."""
@@ -119,19 +132,18 @@ class Roster:
 
     def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""
-        records, steadiest, aged = records or {}, self._steadiest(now_ns), self._aged
-        return [
-            aged(name, state, now_ns, records.get(name, NO_RECORD), steadiest) for name, state in self._states.items()
-        ]
+        records, usual, aged = records or {}, self._usual(now_ns), self._aged
+        return [aged(name, state, now_ns, records.get(name, NO_RECORD), usual) for name, state in self._states.items()]
 
-    def _steadiest(self, now_ns: int) -> float:
-        """The largest steadiness of an observer that is pooled: a change that all see at once is no contradiction."""
-        drop_ns, steadiest = self._drop_ns, 0.0
-        for state in self._states.values():
-            is_pooled = state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= drop_ns
-            if is_pooled and state.steadiness > steadiest:
-                steadiest = state.steadiness
-        return steadiest or 1.0
+    def _usual(self, now_ns: int) -> float:
+        """P(honest) on the time channel of the upper median of those that are pooled: what most do is no fault."""
+        drop_ns = self._drop_ns
+        pooled = [
+            state.steady
+            for state in self._states.values()
+            if state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= drop_ns
+        ]
+        return sorted(pooled)[len(pooled) // 2] if pooled else HONEST
 
     def _rejection(self, state: RosterEntry, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         """Why a message is not used (rules 1, 2, 6 and 8); None: it is."""
@@ -163,11 +175,11 @@ class Roster:
         return None
 
     def _aged(
-        self, observer: str, state: RosterEntry, now_ns: int, record: ObserverRecord, steadiest: float
+        self, observer: str, state: RosterEntry, now_ns: int, record: ObserverRecord, usual: float
     ) -> AgedPosterior:
-        message = state.message
+        message, trust = state.message, published_trust(record.honest, state.steady, usual)
         if message is None:
-            return self._unused(observer, state.fault or "silent", None, 1.0, record)
+            return self._unused(observer, state.fault or "silent", None, 1.0, record, trust)
         age_s = (now_ns - state.captured_ns) / SECOND_NS
         unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
         fresh_s = self._fresh_s
@@ -177,24 +189,27 @@ class Roster:
             freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
         rest = state.rest if visibility == 1.0 else 1.0 - visibility * (1.0 - state.rest)
         if state.gone or abs(age_s) > self._config.drop_s:
-            return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
-        enough = state.steady_enough * steadiest
-        # Rounded, so that a steadiness of nearly 1 is exactly 1.
-        steadiness = 1.0 if state.steadiness >= enough else round(state.steadiness / enough, 3)
+            return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record, trust)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            record.reliability * steadiness, record.correlations, freshness, message.repetitions,
+            trust, record.correlations, freshness, message.repetitions,
         )  # fmt: skip
         return fresh if freshness == 1.0 else faded(fresh, self.prior)
 
     def _unused(
-        self, observer: str, vote_state: VoteState, age_s: float | None, rest: float, record: ObserverRecord
+        self,
+        observer: str,
+        vote_state: VoteState,
+        age_s: float | None,
+        rest: float,
+        record: ObserverRecord,
+        trust: float,
     ) -> AgedPosterior:
         """The prior (rule 4); rest stays until `drop_s`."""
         rest = rest if age_s is not None and abs(age_s) <= self._config.drop_s else 1.0
         return AgedPosterior(
-            observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, record.reliability,
-            record.correlations, 0.0,
+            observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, trust, record.correlations,
+            0.0,
         )  # fmt: skip
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:
@@ -222,74 +237,3 @@ def _sees_person(message: PosteriorMessage) -> bool:
 def _relative_entropy(p: Floats) -> float:
     """Entropy over its maximum: the rest of an observer that does not publish rest."""
     return float(entropy_bits(p)) / math.log2(len(p))
-
-
-@dataclass(slots=True)
-class _ObserverClock:
-    """What is known of one observer's clock.
-
-    correction_ns: what is subtracted from its stamps (rule 9). session, seq, sent_ns: of the last message that was
-    used. doubtful: the clock stood still or was set back since it was read (rule 11).
-    """
-
-    skew: ClockSkew = field(default_factory=ClockSkew)
-    skew_s: float | None = None
-    correction_ns: int = 0
-    session: str = ""
-    seq: int = -1
-    sent_ns: int = 0
-    doubtful: bool = False
-
-    def precedes(self, message: PosteriorMessage) -> bool:
-        """Whether `message` is a later one of the same session; only those show how the clock runs (rule 11)."""
-        return message.session == self.session and message.seq > self.seq
-
-
-class Clocks:
-    """The clocks of the observers of one scene. Observers of other names are ignored."""
-
-    def __init__(self, observers: list[str]) -> None:
-        self._clocks = {observer: _ObserverClock() for observer in observers}
-
-    def record_reading(self, observer: str, reading: ClockReading) -> None:
-        """Take a reading of an observer's clock, which ends a doubt about it (rule 11)."""
-        if observer in self._clocks:
-            clock = self._clocks[observer]
-            clock.skew.note(reading)
-            clock.skew_s = clock.skew.skew_s
-            clock.correction_ns, clock.doubtful = _correction_ns(clock.skew.best), False
-
-    def skew_s(self, observer: str) -> float | None:
-        """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
-        return self._clocks[observer].skew_s if observer in self._clocks else None
-
-    def captured_ns(self, observer: str, message: PosteriorMessage, now_ns: int) -> int:
-        """The capture time, by our clock, of the newest frame in `message`, which arrived at `now_ns`.
-
-        Not later than `now_ns`; as stamped if the observer is not one of the scene.
-        """
-        clock = self._clocks.get(observer)
-        if clock is None:
-            return message.captured_ns
-        captured_ns, sent_ns = message.captured_ns, message.sent_ns
-        if captured_ns > sent_ns:
-            captured_ns = sent_ns
-        latest_ns = now_ns - (sent_ns - captured_ns)
-        if clock.doubtful or (sent_ns <= clock.sent_ns and clock.precedes(message)):
-            return latest_ns
-        captured_ns -= clock.correction_ns
-        return captured_ns if captured_ns < latest_ns else latest_ns
-
-    def record_message(self, observer: str, message: PosteriorMessage) -> None:
-        """Remember the stamps of a message that was used, to compare the next one's with."""
-        clock = self._clocks[observer]
-        if message.sent_ns <= clock.sent_ns and clock.precedes(message):
-            clock.doubtful = True
-        clock.session, clock.seq, clock.sent_ns = message.session, message.seq, message.sent_ns
-
-
-def _correction_ns(reading: ClockReading | None) -> int:
-    """The skew, or 0 if it is no larger than the uncertainty of the measurement (rule 9)."""
-    if reading is None or abs(reading.skew_ns) <= max(reading.doubt_ns, IGNORED_SKEW_NS):
-        return 0
-    return reading.skew_ns

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.probability import Floats
@@ -160,12 +161,21 @@ def _demand(threshold: float) -> str:
     return f"{100 * threshold:g} %"
 
 
-def why_contested(why: str | None, rests: bool) -> str:
-    """The same while two observers contradict each other about rest, and nothing tells which of them is wrong.
-
-    rests: the person rested when they last agreed, so that no label is wanted.
-    """
-    return CONTESTED_REST if why is None or rests else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
+def why_undecided(
+    state: PooledState,
+    observers: int,
+    held_since_ns: int | None,
+    began_ns: int,
+    contested: bool,
+    config: FusionConfig,
+) -> str | None:
+    """Same as `explain_undecided`; contested: two observers contradict each other on whether the person rests."""
+    held_s = None if held_since_ns is None else (state.at_ns - held_since_ns) / SECOND_NS
+    why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, config)
+    if not contested:
+        return why
+    # While the person rested when the two last agreed, no label is wanted.
+    return CONTESTED_REST if why is None or state.rest >= 0.5 else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
 
 
 def why_waiting(missing: Sequence[str]) -> str:

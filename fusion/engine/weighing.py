@@ -31,7 +31,7 @@ NATS_TO_BITS = 1.0 / math.log(2.0)
 class ObserverTrust:
     """How far a rule relies on N observers: trust (..., N), and symmetric correlations (..., N, N); all 0 to 1.
 
-    trust: the reliability learned from verdicts, times the steadiness relative to the steadiest observer.
+    trust: in the labels and the course of each observer (trust.py).
     """
 
     trust: Floats

@@ -157,10 +157,6 @@ class JudgementReplay:
         prior = uniform(engine.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
         posteriors = [_posterior(o, judgement.votes[o], prior, remaining) for o in remaining]
-        if not self._change.any:
-            # It depends on what was before the capture, and nothing depends on it.
-            doubted = {o: vote.label_reliability for o, vote in judgement.votes.items()}
-            engine.label_trust.reliability = {o: share for o, share in doubted.items() if share is not None}
         output = engine.output_for(posteriors, judgement.at_ns)
         sender = {"fusion": judgement.fusion, "epoch": judgement.epoch, "session": judgement.session}
         verdicts = [verdict.model_copy(update=sender) for verdict in output.verdicts]

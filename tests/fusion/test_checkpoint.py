@@ -14,7 +14,7 @@ from fusion.engine.engine import FusionEngine
 from fusion.engine.reliability import Reliability
 
 NAMES = Vocabulary(("bow", "lunge"))
-LEARNED = Reliability({"cam1": 1.0}, {"cam1": 15.0}, {"cam1 cam2": 12.0}, {"cam1 cam2": 0.1}, "dojo-7")
+LEARNED = Reliability({"cam1 cam2": 12.0}, {"cam1 cam2": 0.1}, "dojo-7", {"cam1": -4.0})
 
 
 def new_engine():
@@ -66,7 +66,7 @@ def test_an_engine_with_learned_reliability_states_it_in_its_votes(path):
     engine = new_engine()
     engine.reliability = CheckpointFile(path).read("dojo").reliability
     votes = engine.step(86_400 * 10**9).judgement.votes
-    assert votes["cam1"].reliability == 0.1 and votes["cam2"].reliability == 1.0
+    assert votes["cam1"].reliability == votes["cam1"].label_reliability == 0.157 and votes["cam2"].reliability == 1.0
     assert votes["cam1"].doubles == {"cam2": votes["cam2"].doubles["cam1"]}
 
 
@@ -75,9 +75,13 @@ def test_the_file_of_an_earlier_version_is_read(path):
     text = json.loads(path.read_text())
     assert "lessons" in text and "reliability" not in text
     assert Checkpoint.model_validate_json(json.dumps(text)).reliability == LEARNED
+    counted = {**text["lessons"], "right": {"cam1": 1.0}, "claimed": {"cam1": 2.0}}
+    assert Checkpoint.model_validate_json(json.dumps({**text, "lessons": counted})).reliability == LEARNED
 
 
-@pytest.mark.parametrize("spoiled", [{"right": {"cam1": -1}}, {"times": {"cam1": "x"}}, {"distance": None}])
+@pytest.mark.parametrize(
+    "spoiled", [{"evidence": {"cam1": 1e3}}, {"evidence": {"cam1": "x"}}, {"times": {"cam1": "x"}}, {"distance": None}]
+)
 def test_a_spoiled_file_is_reported_once_and_the_service_starts_afresh(path, spoiled, caplog):
     content = json.loads(path.read_text())
     path.write_text(json.dumps({**content, "lessons": {**content["lessons"], **spoiled}}))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.clock_skew import ClockReading
-from fusion.engine.roster import IGNORED_SKEW_NS, Clocks
+from fusion.engine.clocks import IGNORED_SKEW_NS, Clocks
 
 MS = 1_000_000
 NOW = 100_000 * SECOND_NS

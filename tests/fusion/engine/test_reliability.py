@@ -10,15 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.reliability import (
-    MIN_RELIABILITY,
-    Reliability,
+from fusion.engine.reliability import Reliability, learn_from_verdict
+from fusion.engine.trust import (
+    BLUR,
+    FAULT,
+    HONEST,
+    LEAST,
+    MEMORY,
+    OBSERVATION_S,
+    after_message,
+    honest_of,
     information_of,
-    learn_from_verdict,
+    log_odds_of,
+    nats_of,
+    observed,
     overlap_of,
-    steadiness_after,
-    steadiness_after_overlap,
-    steady_enough,
+    published_trust,
+    returned,
 )
 
 VOCABULARY = Vocabulary(("bow", "lunge", "punch", "kick"))
@@ -44,27 +52,32 @@ def after(times, posteriors, start=None, label="bow"):
     return reliability
 
 
+def trust(reliability, observer):
+    """The trust in its labels, as far as verdicts have taught it."""
+    return published_trust(reliability.honest(observer), HONEST, HONEST)
+
+
 RIGHT = {"a": sure("bow"), "b": sure("bow", 0.8), "c": sure("bow", 0.7)}
 ONE_WRONG = {**RIGHT, "d": sure("kick", 0.95)}
 
 
 def test_only_a_sure_and_wrong_observer_loses_reliability_and_it_recovers_by_agreeing():
     wrong = after(20, ONE_WRONG)
-    assert wrong.reliability("d") < 0.2 and wrong.reliability("nobody") == 1.0
-    assert [wrong.reliability(name) for name in "abc"] == [1.0] * 3
-    assert after(30, {**RIGHT, "d": sure("bow", 0.95)}, wrong).reliability("d") > 0.7
+    assert trust(wrong, "d") < 0.2 and trust(wrong, "nobody") == 1.0
+    assert [trust(wrong, name) for name in "abc"] == [1.0] * 3
+    assert trust(after(30, {**RIGHT, "d": sure("bow", 0.95)}, wrong), "d") > 0.7
 
 
 def test_a_wrong_majority_does_not_silence_for_ever():
     reliability = after(500, {"a": sure("kick"), "b": sure("kick"), "right": sure("bow")}, label="kick")
-    assert reliability.reliability("right") == MIN_RELIABILITY
+    assert trust(reliability, "right") < 0.05
     agreeing = after(12, {name: sure("bow") for name in ("a", "b", "right")}, reliability)
-    assert reliability.reliability("right") < 0.01 < 0.2 < agreeing.reliability("right")
+    assert trust(reliability, "right") < 0.05 < 0.2 < trust(agreeing, "right")
 
 
 def test_three_movements_expose_a_liar_and_one_error_costs_little_after_agreement():
     liar, erring = after(3, ONE_WRONG), after(1, ONE_WRONG, after(5, {**RIGHT, "d": sure("bow", 0.95)}))
-    assert liar.reliability("d") < 0.05 and erring.reliability("d") > 0.6
+    assert trust(liar, "d") < 0.05 and trust(erring, "d") > 0.6
 
 
 def test_an_honestly_unsure_observer_loses_nothing():
@@ -73,7 +86,7 @@ def test_an_honestly_unsure_observer_loses_nothing():
         label = "bow" if rng.random() < 0.6 else "kick"
         final = verdict({**RIGHT, "d": sure(label, 0.6)}, number=n)
         reliability = learn_from_verdict(reliability, final, VOCABULARY)
-    assert reliability.reliability("d") > 0.6
+    assert trust(reliability, "d") > 0.6
 
 
 def test_one_that_is_always_sure_of_something_else_loses_reliability_and_one_that_is_unsure_does_not():
@@ -82,12 +95,12 @@ def test_one_that_is_always_sure_of_something_else_loses_reliability_and_one_tha
         posteriors = {**RIGHT, "d": sure("bow")}
         always = learn_from_verdict(always, verdict(posteriors, number=n, unlearned={"d": 0.98}), VOCABULARY)
         unsure = learn_from_verdict(unsure, verdict(posteriors, number=n, unlearned={"d": 0.4}), VOCABULARY)
-    assert always.reliability("d") < 0.2 and unsure.reliability("d") == 1.0
+    assert trust(always, "d") < 0.2 and trust(unsure, "d") == 1.0
 
 
 def test_of_two_votes_nobody_knows_which_is_right():
     reliability = after(20, {"a": sure("bow"), "b": sure("kick")})
-    assert reliability.reliability("a") == reliability.reliability("b") == 1.0
+    assert trust(reliability, "a") == trust(reliability, "b") == 1.0
 
 
 @pytest.mark.parametrize(
@@ -123,13 +136,13 @@ def test_rho_grows_with_the_number_of_verdicts():
 
 def test_long_agreement_excuses_few_errors():
     agreed = after(100, {**RIGHT, "d": sure("bow", 0.95)})
-    assert after(1, ONE_WRONG, agreed).reliability("d") > 0.9 > 0.05 > after(5, ONE_WRONG, agreed).reliability("d")
+    assert trust(after(1, ONE_WRONG, agreed), "d") > 0.9 > 0.05 > trust(after(5, ONE_WRONG, agreed), "d")
 
 
 def test_an_observer_that_left_is_forgotten():
     remaining = {name: p for name, p in RIGHT.items() if name != "c"}
     reliability = after(300, remaining, after(20, RIGHT))
-    assert set(reliability.right) <= {"a", "b"} and set(reliability.times) <= {"a b"}
+    assert set(reliability.times) <= {"a b"}
     assert set(reliability.evidence) <= {"a", "b"}
 
 
@@ -142,27 +155,27 @@ def test_after_any_verdicts_reliability_and_correlations_are_in_range_and_symmet
     for n, (label, posteriors) in enumerate(verdicts):
         reliability = learn_from_verdict(reliability, verdict(posteriors, label, n), VOCABULARY)
         for name in "abcd":
-            assert MIN_RELIABILITY <= reliability.reliability(name) <= 1
+            assert LEAST <= trust(reliability, name) <= 1
             for other, rho in reliability.correlations(name).items():
                 assert other != name and 0 < rho <= 1 and reliability.correlations(other)[name] == rho
 
 
-# Steadiness
+# The course over time
 
 
-def steadiness(posteriors, seconds=1 / 15):
-    """After posteriors that follow one another at this interval."""
-    level = 1.0
+def trust_in_course(posteriors, seconds=1 / 15):
+    """After posteriors over the movements and something else that follow one another at this interval."""
+    steady = HONEST
     for last, new in pairwise(np.array(posteriors, dtype=float)):
-        level = steadiness_after(level, last, new, seconds)
-    return level
+        steady = after_message(steady, len(last) * float(last @ new), seconds)
+    return published_trust(HONEST, steady, HONEST)
 
 
-def test_at_four_messages_a_second_one_may_change_its_mind_and_not_again_and_again():
-    once, jumps = [sure("bow")] * 9 + [sure("lunge")] * 9, [sure("bow"), sure("lunge")] * 9
-    enough = steady_enough(0.25)
-    assert min(steadiness(once[:n], seconds=0.25) for n in range(2, 19)) > enough
-    assert steadiness(jumps, seconds=0.25) < enough / 2 and steady_enough(1 / 15) == 1.0
+@pytest.mark.parametrize("seconds", [0.5, 0.25, 1 / 15], ids=["2 Hz", "4 Hz", "15 Hz"])
+def test_an_observer_may_change_its_mind_once_and_not_again_and_again(seconds):
+    once, jumps = [sure("bow")] * 9 + [sure("lunge")] * 9, [sure("bow", 0.95), sure("lunge", 0.95)] * 9
+    assert min(trust_in_course(once[:n], seconds) for n in range(2, 19)) > 0.6
+    assert trust_in_course(jumps, seconds) < 0.05
 
 
 def test_an_observer_that_jumps_about_is_not_steady_and_one_that_follows_its_evidence_is():
@@ -171,20 +184,23 @@ def test_an_observer_that_jumps_about_is_not_steady_and_one_that_follows_its_evi
     noise = rng.dirichlet(np.full(20, 0.2), 15)
     grows = [sure("bow", p) for p in np.linspace(0.25, 0.99, 8)]
     changes = [sure("bow", p) for p in np.linspace(0.97, 0.01, 8)]
-    assert steadiness(jumps) < 0.2 and steadiness(noise) < 0.5
-    assert steadiness(grows) == steadiness([sure("bow")] * 9) == steadiness([[0.25] * 4] * 3) == 1.0
-    assert steadiness(changes) > 0.9
-    # It is regained in a second, and long gaps tell nothing.
-    assert steadiness([*jumps, *[sure("bow")] * 20]) > 0.8 and steadiness(jumps, seconds=0.4) == 1.0
+    assert trust_in_course(jumps) < 0.2 and trust_in_course(noise) < 0.5
+    assert trust_in_course(grows) == trust_in_course([sure("bow")] * 9) == trust_in_course([[0.25] * 4] * 3) == 1.0
+    assert trust_in_course(changes) == 1.0
+    # The return is slow, however sure it is.
+    assert trust_in_course([*jumps, *[sure("bow")] * 20]) < 0.2
+    assert trust_in_course([*jumps, *[sure("bow")] * 900]) > 0.9
 
 
-def test_overlap_and_steadiness_by_the_formula():
+def test_what_most_observers_do_is_no_fault():
+    assert published_trust(HONEST, 0.01, 0.02) == 1.0 and published_trust(HONEST, 0.01, HONEST) < 0.02
+    assert published_trust(HONEST, 0.5, HONEST) == round(0.5 / HONEST, 3) and published_trust(0.0, 0.0, 1.0) == LEAST
+
+
+def test_overlap_by_the_formula():
     p, q = np.array([0.7, 0.1, 0.1, 0.1]), np.array([0.1, 0.7, 0.1, 0.1])
     assert overlap_of(p, 0.6, q, 0.8) == pytest.approx(5 * (0.4 * 0.2 * float(p @ q) + 0.6 * 0.8))
     assert overlap_of(p, None, q, None) == pytest.approx(5 * (0.8**2 * float(p @ q) + 0.2**2))
-    # At 4 Hz one contradiction counts as o = 0.3, over eight messages; at 20 Hz as 0.01, over 0.25 s.
-    assert steadiness_after_overlap(1.0, 0.0, 0.25) == pytest.approx(0.3 ** (2 * (1 - math.exp(-1 / 8))))
-    assert steadiness_after_overlap(1.0, 0.0, 0.05) == pytest.approx(0.01 ** (2 * (1 - math.exp(-0.2))))
 
 
 @pytest.mark.parametrize(
@@ -198,5 +214,30 @@ def test_the_information_of_a_posterior(p, unlearned, information):
 @given(
     st.lists(st.sampled_from([(1, 0, 0, 0), (0, 1, 0, 0), (0.25,) * 4, sure("kick")]), max_size=30), st.floats(-1, 1)
 )
-def test_steadiness_is_above_zero_and_at_most_one(posteriors, seconds):
-    assert 0 < steadiness(posteriors, seconds) <= 1
+def test_trust_in_a_course_is_above_zero_and_at_most_one(posteriors, seconds):
+    assert LEAST <= trust_in_course(posteriors, seconds) <= 1
+
+
+# The filter
+
+OBSERVATIONS = st.lists(st.tuples(st.floats(0, 5), st.floats(0, 3)), max_size=6)
+
+
+@given(OBSERVATIONS)
+def test_the_filter_is_bayes_rule_over_both_states(observations):
+    """The oracle follows both states with a transition matrix, P(observation | faulty) = 1."""
+    belief, honest = np.array([HONEST, FAULT]), HONEST
+    for overlap, passed in observations:
+        stays = math.exp(-passed / MEMORY)
+        transition = stays * np.eye(2) + (1 - stays) * np.array([[HONEST, FAULT], [HONEST, FAULT]])
+        belief = belief @ transition * np.array([(1 - BLUR) * overlap + BLUR, 1.0])
+        belief /= belief.sum()
+        honest = observed(returned(honest, passed), nats_of(overlap))
+    assert honest == pytest.approx(belief[0], abs=1e-9) and honest_of(log_odds_of(honest)) == pytest.approx(honest)
+
+
+def test_an_observation_by_the_formula():
+    assert nats_of(1.0) == pytest.approx(0.0) and nats_of(0.0) == pytest.approx(math.log(BLUR))
+    share = 0.25 / OBSERVATION_S
+    odds = returned(0.5, share) / (1 - returned(0.5, share)) * BLUR * (2 - BLUR) ** share
+    assert after_message(0.5, 0.0, 0.25) == pytest.approx(odds / (1 + odds))

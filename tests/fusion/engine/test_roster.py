@@ -15,8 +15,8 @@ from common.config_sections import FusionConfig
 from common.messages import Facing
 from common.vocabulary import Vocabulary
 from fusion.engine.aged_posterior import SESSIONS_LIMIT
-from fusion.engine.reliability import steadiness_after_overlap, steady_enough
 from fusion.engine.roster import ObserverRecord, Roster
+from fusion.engine.trust import HONEST, after_message
 
 OTHER_VOCABULARY = Vocabulary(("bow", "punch", "lunge"))
 CONFIG = FusionConfig(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
@@ -276,20 +276,19 @@ def jumping(seconds):
 
 
 @pytest.mark.parametrize("seconds", [0.05, 0.25], ids=["20 Hz", "4 Hz"])
-def test_an_observer_that_contradicts_itself_is_less_reliable_by_its_share_of_the_steadiest(seconds):
+def test_an_observer_that_contradicts_itself_is_trusted_less_as_far_as_others_are_steady(seconds):
     cam, now_ns = jumping(seconds)
-    neutral, level = 1 / 4, 1.0
+    neutral, steady = 1 / 4, HONEST
     overlap = 4 * ((1 - neutral) ** 2 * float(np.dot(P, OTHER_P)) + neutral**2)
     for _ in range(14):
-        level = steadiness_after_overlap(level, overlap, seconds)
-    expected = min(level / steady_enough(seconds), 1.0)
-    first, second = cam.roster.posteriors(now_ns, {"cam1": ObserverRecord(reliability=0.5)})
-    assert first.reliability == pytest.approx(0.5 * expected, abs=1e-3) and second.reliability == 1.0
-    assert expected < 1.0
+        steady = after_message(steady, overlap, seconds)
+    first, second = cam.roster.posteriors(now_ns, {"cam1": ObserverRecord(honest=HONEST / 2)})
+    assert first.reliability == pytest.approx(0.5 * steady / HONEST, abs=1e-3) and second.reliability == 1.0
+    assert first.reliability < 0.4
 
 
 @pytest.mark.parametrize("gone", [True, False], ids=["disappeared", "dropped"])
-def test_steadiness_is_compared_with_observers_that_are_pooled(gone):
+def test_a_course_is_compared_with_observers_that_are_pooled(gone):
     cam, now_ns = jumping(0.05)
     assert cam.at(now_ns).reliability < 1.0
     if gone:
