@@ -1,6 +1,6 @@
 """Builds verdicts: what each observer contributed, and why a movement has no verdict yet, in a line for people. Pure.
 
-The design: fusion.md, "What verdicts teach". A verdict, one per movement, is validated.
+The design: fusion.md, "Trust". A verdict, one per movement, is validated.
 """
 
 import math
