@@ -76,10 +76,11 @@ class AgedPosterior:
 class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
-    p, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel (trust.py).
-    session_ns: when its session began here. captured_ns, received_ns: of the newest message. visible_ns: capture of the
-    newest frame that showed a body part. fault: the vote state after an unusable message; None after a usable one.
-    gone: the process disappeared after its last message. All times by our clock, Unix epoch.
+    p, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel; stays: of its
+    labels, by what it says after decisions (trust.py). session_ns: when its session began here. captured_ns,
+    received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part. fault: the vote
+    state after an unusable message; None after a usable one. gone: the process disappeared after its last message. All
+    times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
@@ -89,6 +90,7 @@ class RosterEntry:
     surprise: Surprise | None = None
     facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
     steady: float = HONEST
+    stays: float = HONEST
     session_ns: int = 0
     captured_ns: int = 0
     received_ns: int = 0

@@ -41,9 +41,8 @@ from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
 from fusion.engine.trust import (
     HONEST,
     LEAST_VOTES,
+    after_decision,
     after_message,
-    nats_of,
-    observed,
     overlap_of,
     published_trust,
 )
@@ -104,19 +103,18 @@ class Roster:
         return None
 
     def compare(self, movement: OngoingMovement | None, now_ns: int) -> None:
-        """Compare the posteriors with the label that was decided (trust.py), for a second of each movement in all."""
+        """Compare what each says after a decision with its label, if at least three do (trust.py)."""
         since_ns, self._compared_ns = self._compared_ns, now_ns
         if movement is None or movement.label not in self.vocabulary.labels or movement.decided_ns is None:
             return
-        until_ns = movement.decided_ns + SECOND_NS
-        seconds = (min(now_ns, until_ns) - max(since_ns, movement.decided_ns)) / SECOND_NS
-        used = [(s, s.message) for s in self._states.values() if s.message is not None and not s.gone]
+        decided_ns, label = movement.decided_ns, self.vocabulary.index(movement.label)
+        seconds = min((now_ns - max(since_ns, decided_ns)) / SECOND_NS, 1.0)
+        used = [(s, s.message) for s in self._states.values() if s.message is not None and s.captured_ns > decided_ns]
         if seconds <= 0.0 or len(used) < LEAST_VOTES:
             return
-        label = self.vocabulary.index(movement.label)
         for state, message in used:
             overlap = (self._size + 1) * float(state.p[label]) * (1.0 - (message.unlearned or 0.0))
-            state.steady = observed(state.steady, seconds * min(nats_of(overlap), 0.0))
+            state.stays = after_decision(state.stays, overlap, seconds)
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not be read."""
@@ -177,7 +175,7 @@ class Roster:
     def _aged(
         self, observer: str, state: RosterEntry, now_ns: int, record: ObserverRecord, usual: float
     ) -> AgedPosterior:
-        message, trust = state.message, published_trust(record.honest, state.steady, usual)
+        message, trust = state.message, published_trust(record.honest * state.stays / HONEST, state.steady, usual)
         if message is None:
             return self._unused(observer, state.fault or "silent", None, 1.0, record, trust)
         age_s = (now_ns - state.captured_ns) / SECOND_NS

@@ -20,7 +20,8 @@ The channels differ in a, q, and what one independent observation is:
 | channel | a | q | one observation |
 |---|---|---|---|
 | label | its posterior at the decision | the label of the verdict | a movement (reliability.py) |
-| time | its posterior | its last one; after a decision, the label | a message that contradicts, OBSERVATION_S |
+| | its posterior after it | the label decided | MOVEMENT_S (roster.py) |
+| time | its posterior | its own last one | a message that contradicts, a second |
 | rest | rest or motion | what the others say, each as far as it is trusted | OBSERVATION_S (rest_trust.py) |
 """
 
@@ -39,6 +40,8 @@ MEMORY = 20.0
 """Independent observations after which 1/e of what was known is left."""
 OBSERVATION_S = 3.0
 """Seconds in which what lasts is observed once: honest observers differ about rest for up to 1.7 s on end."""
+MOVEMENT_S = 2.0
+"""Seconds of a movement after its decision that are one observation: those of recorded people last 1.5 to 3.5 s."""
 LEAST_VOTES = 3
 """Of two that differ either may be right."""
 TRUSTED = 0.9
@@ -91,9 +94,15 @@ def after_message(honest: float, overlap: float, seconds: float) -> float:
     A posterior is cumulative, and the next one follows from it. To agree with oneself is no merit, so that this shows
     no more than an answer of two.
     """
-    share = min(max(seconds, 0.0), 1.0) / OBSERVATION_S
+    share = min(max(seconds, 0.0), 1.0)
     nats = nats_of(overlap) if overlap < 1.0 else 0.0
     return observed(returned(honest, share), nats + share * AGREES)
+
+
+def after_decision(honest: float, overlap: float, seconds: float) -> float:
+    """P(honest) of the labels once an observer has said so of the label decided for so many seconds."""
+    share = seconds / MOVEMENT_S
+    return observed(returned(honest, share), share * min(nats_of(overlap), AGREES))
 
 
 def information_of(p: Sequence[float], unlearned: float | None) -> float:

@@ -17,7 +17,6 @@ from fusion.engine.trust import (
     HONEST,
     LEAST,
     MEMORY,
-    OBSERVATION_S,
     after_message,
     honest_of,
     information_of,
@@ -238,6 +237,6 @@ def test_the_filter_is_bayes_rule_over_both_states(observations):
 
 def test_an_observation_by_the_formula():
     assert nats_of(1.0) == pytest.approx(0.0) and nats_of(0.0) == pytest.approx(math.log(BLUR))
-    share = 0.25 / OBSERVATION_S
+    share = 0.25
     odds = returned(0.5, share) / (1 - returned(0.5, share)) * BLUR * (2 - BLUR) ** share
     assert after_message(0.5, 0.0, 0.25) == pytest.approx(odds / (1 + odds))
