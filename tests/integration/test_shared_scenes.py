@@ -15,6 +15,8 @@ from fusion.server import serve
 from labanmesh_testing.mesh import Mesh
 
 SCENES = 6
+KEPT_WAITING_S = 0.1
+"""Two frames and a half of the crowd: a longer gap of all observers at once is none of its plan."""
 
 
 class Region:
@@ -103,15 +105,16 @@ def test_a_service_that_joins_or_dies_moves_only_its_share_and_each_movement_is_
 
 def test_real_processes_one_is_killed_and_another_started(tmp_path):
     plan = CrowdPlan(scenes=4, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
-    # It goes by the clock, which a busy machine may not keep once: whoever judges then stands still as if it were gone.
+    # The crowd goes by the clock. Where the machine kept it waiting its own gaps cut movements in two: such a trial says
+    # nothing about the services, and is made again.
     for number in range(3):
         log, folder = [], tmp_path / str(number)
         folder.mkdir()
         outcome = run_trial(plan, folder, log.append)
         assert ["killed fusion1" in log, "started fusion2" in log] == [True, True]
-        counts = outcome.counts
-        # Where the machine stopped everybody for long, the crowd's own gaps cut movements in two.
-        is_whole = outcome.whole or counts.late_s > 0.2
-        if is_whole and counts.doubled == 0 and counts.right >= 0.9 * counts.movements:
-            return
-    raise AssertionError((outcome.table(), counts.done, counts.ended))
+        if outcome.counts.late_s <= KEPT_WAITING_S:
+            break
+    counts = outcome.counts
+    assert counts.doubled == 0
+    assert outcome.whole or counts.late_s > KEPT_WAITING_S, (outcome.table(), counts.done, counts.ended)
+    assert counts.right >= 0.9 * counts.movements
