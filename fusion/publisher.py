@@ -90,6 +90,7 @@ class VerdictPublisher:
         # They wait in a queue of their own: a router that is frozen for a moment drops judgements, but no verdict.
         self._verdicts = session.publisher(keys.verdict, priority="high")
         self._vocabularies = session.publisher(keys.vocabulary)
+        self._judging: tuple[bytes, int | None] = (b"", None)
         self._engine, self._file = engine, file
         self._last_judgement: JudgementMessage | None = None
         self._last_verdict: VerdictMessage | None = None
@@ -104,14 +105,19 @@ class VerdictPublisher:
         session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
         session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
 
-    def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage, now_s: float) -> None:
+    def publish(
+        self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage, vocabulary: bytes, now_s: float
+    ) -> None:
         """Send the verdicts, then the judgement; before that with full votes, if they have a subscriber.
 
-        now_s: seconds of a monotonic clock.
+        vocabulary: the encoded message of it, sent first as often as this service begins to own the scene: observers
+        may know other durations of the same movements. now_s: seconds of a monotonic clock.
 
         A decision is written to the file before it is sent, and an end after: a service that is killed in between ends
         the movement after its restart, perhaps once more, and hubs ignore the second of two equal verdicts.
         """
+        if (vocabulary, judgement.epoch) != self._judging:
+            self._publish_vocabulary(vocabulary, judgement.epoch)
         ended = max((n for n, verdict in enumerate(verdicts, 1) if verdict.ended_ns is not None), default=0)
         payloads = [self._note(verdict) for verdict in verdicts]
         self._send(verdicts[:ended], payloads[:ended], now_s)
@@ -146,6 +152,10 @@ class VerdictPublisher:
     def change_vocabulary(self, verdicts: Sequence[VerdictMessage], vocabulary: bytes, now_s: float) -> None:
         """Send the last verdicts in the old vocabulary, then the new one as an encoded message."""
         self._send(verdicts, [self._note(verdict) for verdict in verdicts], now_s)
+        self._publish_vocabulary(vocabulary, self._engine.epoch)
+
+    def _publish_vocabulary(self, vocabulary: bytes, epoch: int | None) -> None:
+        self._judging = vocabulary, epoch
         self._vocabularies.put(vocabulary)
 
     def remember(self, message: JudgementMessage) -> None:

@@ -173,7 +173,7 @@ class SceneWorker:
         if not self.owns or not self._can_publish():
             return StepResult(output)
         published, self._withheld = self._withheld, []
-        self._publisher.publish(published, output.judgement, self._ticks())
+        self._publisher.publish(published, output.judgement, self._vocabulary, self._ticks())
         self._log_waiting(output.judgement)
         return StepResult(output, published)
 

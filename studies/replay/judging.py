@@ -108,13 +108,16 @@ class _Replayed:
 
 def _summarise(capture: "CaptureFile") -> _CaptureSummary:
     keys, summary, has_votes = capture.scene.keys, _CaptureSummary(), False
+    published: dict[str, Vocabulary] = {}
     last = deque[bytes](maxlen=VERDICTS_REPEATED)
     for record in capture.records():
         summary.records += 1
         summary.began_ns = summary.began_ns or record.arrived_ns
         summary.ended_ns = max(summary.ended_ns, record.arrived_ns)
         if record.key == keys.vocabulary and (message := _decoded(VocabularyMessage, record)):
-            summary.vocabularies |= _vocabularies(message)
+            # Answers are those of observers too, which may know other durations of the same movements.
+            published |= _vocabularies(message) if record.kind == "put" else {}
+            summary.vocabularies |= _vocabularies(message) | published
         elif record.kind == "put":
             if record.key == keys.judgement:
                 summary.judgements, summary.after_last = summary.judgements + 1, 0

@@ -48,7 +48,7 @@ def judgements():
 def published(judgements, session, **settings):
     publisher = VerdictPublisher(session, scene_of(4).keys, SimpleNamespace(), None, **settings)
     for judgement in judgements:
-        publisher.publish([], judgement, 0.0)
+        publisher.publish([], judgement, b"", 0.0)
     return session.put
 
 
