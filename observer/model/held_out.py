@@ -40,7 +40,8 @@ class Watched:
 
 
 STRANGE_SHARE = 1 / 3
-"""Strange, and faint, movements for each known one: the base rate of something else beside recorded other motion."""
+"""Strange movements and other motion, and faint movements, for each known one: the base rate of something else where
+the recordings show no more of it."""
 FAINT = (0.0, 0.2)
 """A movement of this share of the usual extent is none: somebody stands, shifts their weight, or a hand trembles."""
 
@@ -139,7 +140,8 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
     truth = np.array([one.truth for one in watched], np.int64)
     shown = np.array([min(one.progress / RECOGNISABLE, 1.0) for one in watched])
     weights = np.array([one.weight for one in watched])
-    late = (truth >= 0) & np.array([one.progress >= STRANGE_FROM for one in watched])
+    known = truth >= 0
+    late = known & np.array([one.progress >= STRANGE_FROM for one in watched])
     if struck and late.any() and instants.members.shape[-1] > 2:
         unknown = instants.at(late).without(truth[late])
         instants = Instants(
@@ -147,7 +149,9 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
         )
         truth = np.concatenate([truth, np.full(int(late.sum()), -1)])
         shown = np.concatenate([shown, np.zeros(int(late.sum()))])
-        weights = np.concatenate([weights, STRANGE_SHARE * weights[late]])
+        # As many as are lacking: other motion that was recorded counts first.
+        lacking = max(STRANGE_SHARE * weights[known].sum() - weights[~known].sum(), 0.0)
+        weights = np.concatenate([weights, weights[late] * (lacking / weights[late].sum())])
     return StackerRows(instants, truth, shown, weights)
 
 

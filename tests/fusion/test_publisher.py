@@ -11,6 +11,8 @@ from common.messages import VerdictMessage
 from common.wire import decode, encode
 from fusion.publisher import REPEATS_LIMIT, VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
 
+VOCABULARY = b"the vocabulary as a message"
+
 
 @pytest.fixture(scope="module")
 def played():
@@ -41,14 +43,16 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
     def publisher(key, **_):
         def put(payload):
             kind = key.rpartition("/")[2]
-            if kind != "votes":
+            if kind not in ("votes", "vocabulary"):
                 events.append(kind if kind == "judgement" else decode(VerdictMessage, payload).stage)
 
         return SimpleNamespace(put=put, has_subscriber=False)
 
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
     file = SimpleNamespace(is_due=lambda judgement: True, write=lambda checkpoint: events.append("file"))
-    VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement, 0.0)
+    VerdictPublisher(session, keys, scene.engine, file).publish(
+        [scene.verdicts[n] for n in sent], judgement, VOCABULARY, 0.0
+    )
     assert events == order
 
 
@@ -59,7 +63,7 @@ def test_late_joiners_receive_the_last_verdicts_of_the_owner_alone(played):
     keys = SceneKeys("dojo")
     owner = VerdictPublisher(session, keys, scene.engine, None)
     for _ in range(VERDICTS_LIMIT):
-        owner.publish(scene.verdicts[:2], judgement, 0.0)
+        owner.publish(scene.verdicts[:2], judgement, VOCABULARY, 0.0)
     assert queries[keys.verdict]() is None and queries[keys.judgement]() is None
     owner.answers = True
     assert len(queries[keys.verdict]()) == VERDICTS_LIMIT
@@ -78,11 +82,26 @@ def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
     for name in ("north", "south"):
         one = VerdictPublisher(session, SceneKeys(name), scene.engine, None, put=outbox.put)
-        one.publish(scene.verdicts[:1], judgement, 0.0)
-    assert events == [("north", "verdict"), ("south", "verdict")]
+        one.publish(scene.verdicts[:1], judgement, VOCABULARY, 0.0)
+    kinds = ("vocabulary", "verdict")
+    assert events == [(name, kind) for name in ("north", "south") for kind in kinds]
     outbox.flush()
     outbox.flush()
-    assert events[2:] == [("north", "judgement"), ("south", "judgement")]
+    assert events[4:] == [("north", "judgement"), ("south", "judgement")]
+
+
+def test_the_vocabulary_is_sent_once_an_epoch(played):
+    (scene, judgement), sent = played, []
+    session = SimpleNamespace(
+        publisher=lambda key, **_: SimpleNamespace(
+            put=lambda payload: sent.append(payload) if key.endswith("/vocabulary") else None, has_subscriber=False
+        ),
+        answer=lambda *_: None,
+    )
+    owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None)
+    for epoch in (1, 1, 2):
+        owner.publish([], judgement.model_copy(update={"epoch": epoch}), VOCABULARY, 0.0)
+    assert sent == [VOCABULARY, VOCABULARY]
 
 
 @pytest.mark.parametrize(("since_s", "again"), [(0.0, [1, 2]), (2.0, [2]), (math.inf, [])])
@@ -93,7 +112,7 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
     session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
     owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None, put=lambda *_: None)
     for at_s, verdict in enumerate(scene.verdicts[:3]):
-        owner.publish([verdict], judgement, float(at_s))
+        owner.publish([verdict], judgement, VOCABULARY, float(at_s))
     expected = [encode(scene.verdicts[n]) for n in again]
     for repeat in range(REPEATS_LIMIT + 1):
         sent.clear()

@@ -105,8 +105,8 @@ def test_a_service_that_joins_or_dies_moves_only_its_share_and_each_movement_is_
 
 def test_real_processes_one_is_killed_and_another_started(tmp_path):
     plan = CrowdPlan(scenes=4, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
-    # The crowd goes by the clock. Where the machine kept it waiting its own gaps cut movements in two: such a trial says
-    # nothing about the services, and is made again.
+    # The crowd goes by the clock. Where the machine kept it waiting its own gaps cut movements in two: such a trial
+    # says nothing about the services, and is made again.
     for number in range(3):
         log, folder = [], tmp_path / str(number)
         folder.mkdir()

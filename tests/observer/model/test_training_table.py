@@ -18,7 +18,7 @@ from observer.model.base import (
 )
 from observer.model.body_trace import extent, places_and_differences
 from observer.model.cross_validation import CrossValidation
-from observer.model.held_out import STRANGE_FROM, Watched, rows_of_fold, stacker_rows, streams_left_out
+from observer.model.held_out import STRANGE_FROM, STRANGE_SHARE, Watched, rows_of_fold, stacker_rows, streams_left_out
 from observer.model.logistic import LogisticRegression
 from observer.model.stacked import Stacked
 from observer.model.stacker import LOWEST
@@ -274,6 +274,17 @@ def test_late_instants_of_movements_are_also_those_of_movements_that_are_not_kno
     only_two = [replace(row, instant=_of_two(row)) for row in watched_rows]
     assert len(stacker_rows(only_two).truth) == count, "without one of two, the other is certain"
     assert stacker_rows([]) is None
+
+
+def test_movements_not_known_weigh_what_recorded_other_motion_lacks_of_a_share_of_the_known_ones(watched):
+    _, watched_rows, _ = watched
+    known = [row for row in watched_rows if row.truth >= 0]
+    other = replace(known[0], truth=-1, example=-1, progress=0.0)
+    moving = sum(row.weight for row in known)
+    for share in (0.0, 0.1, 0.2, 0.5):
+        rows = stacker_rows([*known, replace(other, weight=share * moving)])
+        struck = rows.weights[len(known) + 1 :].sum()
+        assert struck == pytest.approx(max(STRANGE_SHARE - share, 0.0) * moving), share
 
 
 def _of_two(row: Watched):
