@@ -15,8 +15,16 @@ from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import tracks_of, width_of
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
-from observer.model.training_rows import FRACTIONS, RECOGNISABLE, REST_S, between_rests, part_of
-from observer.tracks import Floats, Tracks
+from observer.model.training_rows import (
+    FRACTIONS,
+    RECOGNISABLE,
+    REST_S,
+    another_take,
+    between_rests,
+    part_of,
+    posture_change,
+)
+from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
     from observer.model.stacked import Stacked
@@ -40,10 +48,10 @@ class Watched:
 
 
 STRANGE_SHARE = 1 / 3
-"""Strange movements and other motion, and faint movements, for each known one: the base rate of something else where
-the recordings show no more of it."""
-FAINT = (0.0, 0.2)
-"""A movement of this share of the usual extent is none: somebody stands, shifts their weight, or a hand trembles."""
+"""Strange movements and other motion, and what is no movement, for each known one: the base rate of something else
+where the recordings show no more of it."""
+FAINT = 0.2
+"""A movement of this share of the usual extent is none: somebody shifts their weight, or a hand trembles."""
 
 
 def rows_of_fold(
@@ -57,7 +65,7 @@ def rows_of_fold(
 
     watched: indices of the examples; watched_s: at most so many seconds of streams.
     """
-    rows = [row for n in watched for row in _watch_example(model, examples[n], n)]
+    rows = [row for n in watched for row in _watch_example(model, examples, n)]
     return rows + list(_watch_streams(model, streams, watched_s))
 
 
@@ -78,23 +86,34 @@ def streams_left_out(
             yield replace(stream, tracks=stream.tracks[begin:end], spans=(), features=None)
 
 
-def _watch_example(model: "Stacked", example: Example, number: int) -> Iterator[Watched]:
-    """The instants at FRACTIONS of the movement, and its end; of every second also of the same motion, but faint.
+def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -> Iterator[Watched]:
+    """The instants at FRACTIONS of the movement, and its end; of every second also of what is none after it: by turns a
+    change of posture, and the same motion, but faint.
 
-    All instants of a movement of the background, and of a faint one, are something else.
+    All instants of a movement of the background, and of what is none, are something else.
     """
+    example = examples[number]
     truth, known = max(example.movement, -1), number % 2 == 0
     if known or example.features is None:
         yield from _watch_tracks(model, example.tracks, 0, number, truth, known)
         return
-    trace = example.features[:, -width_of(len(model.header.body_parts)) :].astype(np.float32)
-    faint = trace[:1] + np.float32(FAINT[number // 2 % 2]) * (trace - trace[:1])
-    faint[:, -1] = trace[:, -1]
+    trace, other = (_trace_of(model, examples[n]) for n in (number, another_take(examples, number)))
     rest, rng = round(REST_S * model.header.rate_hz), np.random.default_rng(number)
-    for shown, as_what, weight in ((trace, truth, 1.0), (faint, -1, STRANGE_SHARE)):
+    if number % 4 == 1:
+        none = posture_change(trace[0], other[0], rest // 2)
+    else:
+        none = trace[:1] + np.float32(FAINT) * (trace - trace[:1])
+        none[:, -1] = trace[:, -1]
+    for shown, as_what, weight in ((trace, truth, 1.0), (none, -1, STRANGE_SHARE)):
         tracks = tracks_of(between_rests(shown, rest, 0, rng).astype(np.float64))
         for row in _watch_tracks(model, tracks, rest, number, as_what, known):
             yield replace(row, weight=row.weight * weight)
+
+
+def _trace_of(model: "Stacked", example: Example) -> Floats32:
+    if example.features is None:
+        raise ValueError("its trace has not been read")
+    return example.features[:, -width_of(len(model.header.body_parts)) :].astype(np.float32)
 
 
 def _watch_tracks(

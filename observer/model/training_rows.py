@@ -1,8 +1,8 @@
 """Which windows of the training people's motion the regressions learn from, and what each shows. Pure.
 
 Each example is shown between two rests: a person who stands as at its beginning, does it, and stands as at its end.
-Rests, the first part of a movement, means of two movements, and what people do between the movements of a continuous
-recording are "something else".
+Rests, changes of posture, the first part of a movement, means of two movements, and what people do between the
+movements of a continuous recording are "something else".
 """
 
 import math
@@ -67,12 +67,16 @@ def learned_facings(shown: Sequence[Shown], facings: int) -> list[int]:
 def rows_of_examples(
     examples: Sequence[Example], traces: Sequence[Floats32], movements: int, rate_hz: float, seed: int = 0
 ) -> Iterator[Rows]:
-    """Each example between rests, and its blend with one of another movement."""
+    """Each example between rests, and its blend with one of another movement.
+
+    In every second rest the person changes posture.
+    """
     rng = np.random.default_rng(seed)
     rest = round(REST_S * rate_hz)
     for n, (example, trace) in enumerate(zip(examples, traces, strict=True)):
         before = rest if n % 2 else 0
-        shown = between_rests(trace, before, rest, rng)
+        later = traces[another_take(examples, n)][0] if n % 2 else None
+        shown = between_rests(trace, before, rest, rng, later)
         fractions = np.array([0.0, *FRACTIONS])
         at = before + np.maximum(np.ceil(fractions * len(trace)).astype(np.int64), 1) - 1
         targets = targets_of(example.movement, np.clip(fractions / RECOGNISABLE, 0, 1), movements)
@@ -125,14 +129,39 @@ def targets_of(movement: int, shown: NDArray[np.floating], movements: int) -> Fl
     return targets
 
 
-def between_rests(trace: Floats32, before: int, after: int, rng: np.random.Generator) -> Floats32:
-    """The trace after `before` and before `after` frames of trembling rest."""
-    shown = np.concatenate([np.repeat(trace[:1], before, axis=0), trace, np.repeat(trace[-1:], after, axis=0)])
+def between_rests(
+    trace: Floats32, before: int, after: int, rng: np.random.Generator, later: Floats32 | None = None
+) -> Floats32:
+    """The trace after `before` and before `after` frames of trembling rest.
+
+    later: (2 P + 3,) a row whose posture the person takes in the first half of the rest after it.
+    """
+    rest = np.repeat(trace[-1:], after, axis=0)
+    if later is not None:
+        rest[: after // 2] = posture_change(trace[-1], later, after // 2)
+        rest[after // 2 :, :-3] = later[:-3]
+    shown = np.concatenate([np.repeat(trace[:1], before, axis=0), trace, rest])
     noise = rng.normal(0, TREMBLING, shown.shape).astype(np.float32)
     noise[before : before + len(trace)] = 0.0
     noise[:, -1] = 0.0
     result: Floats32 = shown + noise
     return result
+
+
+def posture_change(begin: Floats32, end: Floats32, frames: int) -> Floats32:
+    """(2 P + 3,) rows of two traces -> (frames, 2 P + 3) from the posture of the one to that of the other, in place."""
+    share = np.linspace(0, 1, frames, dtype=np.float32)[:, None]
+    smooth = share * share * (3 - 2 * share)
+    rows = np.repeat(begin[None], frames, axis=0)
+    rows[:, :-3] += smooth * (end[:-3] - begin[:-3])
+    return rows
+
+
+def another_take(examples: Sequence[Example], n: int) -> int:
+    """The index of the last take before example n, in turn, of the same person and facing; n itself without any."""
+    own = (examples[n].subject, examples[n].facing)
+    before = ((n - k) % len(examples) for k in range(1, len(examples) + 1))
+    return next(k for k in before if (examples[k].subject, examples[k].facing) == own)
 
 
 def _other_movement(examples: Sequence[Example], n: int) -> int | None:

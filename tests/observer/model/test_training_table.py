@@ -25,7 +25,9 @@ from observer.model.stacker import LOWEST
 from observer.model.training_rows import (
     FRACTIONS,
     RECOGNISABLE,
+    another_take,
     between_rests,
+    posture_change,
     rows_of_examples,
     rows_of_streams,
     segment_window,
@@ -274,6 +276,27 @@ def test_late_instants_of_movements_are_also_those_of_movements_that_are_not_kno
     only_two = [replace(row, instant=_of_two(row)) for row in watched_rows]
     assert len(stacker_rows(only_two).truth) == count, "without one of two, the other is certain"
     assert stacker_rows([]) is None
+
+
+def test_a_person_changes_posture_in_the_first_half_of_a_rest_and_stays_where_they_are(examples):
+    traces = traces_of(examples)
+    trace, later, rng = traces[0], traces[4][0], np.random.default_rng(0)
+    shown = between_rests(trace, 5, 40, rng, later)
+    assert len(shown) == 5 + len(trace) + 40 and (shown[5 : 5 + len(trace)] == trace).all()
+    rest = shown[5 + len(trace) :]
+    distance = np.abs(rest[:, :-3] - later[:-3]).max(axis=1)
+    far = np.abs(trace[-1, :-3] - later[:-3]).max()
+    assert distance[:3].min() > far - 0.2 and distance[20:].max() < 0.2, "but for trembling"
+    assert (np.abs(rest[:, -3:] - trace[-1, -3:]).max(axis=0) < [0.2, 0.2, 1e-6]).all()
+    steps = posture_change(trace[-1], later, 20)
+    assert (steps[0] == trace[-1]).all() and steps[-1, :-3] == pytest.approx(later[:-3])
+
+
+def test_the_other_posture_is_that_before_the_last_take_of_the_same_person_and_facing(examples):
+    order = [another_take(examples, n) for n in range(len(examples))]
+    assert order[:7] == [5, 0, 1, 2, 3, 4, 11], "six takes of the first person, then those of the second"
+    turned = [replace(e, facing=n % 2) for n, e in enumerate(examples)]
+    assert another_take(turned, 2) == 0 and another_take(examples[:1], 0) == 0
 
 
 def test_movements_not_known_weigh_what_recorded_other_motion_lacks_of_a_share_of_the_known_ones(watched):
