@@ -108,6 +108,13 @@ class VotedFacing(MessagePart):
         return self
 
 
+PAUSE_S = 0.4
+"""A longer rest ends a movement whose `rest_s` is not known: people rest for longer between two, or not at all."""
+LONGEST_STAY = 2.0
+"""Periods. Who turns round so long after the last time begins anew; turns are half a period apart, and some people of
+ui_prmd hold an exercise for more than one."""
+
+
 class MovementTimes(MessagePart):
     """What the takes of a movement say about its durations in seconds; None: not known.
 

@@ -7,10 +7,11 @@ from collections.abc import Callable, Mapping
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.message_types import PAUSE_S
 from common.vocabulary import Vocabulary
 from fusion.engine.segment_table import Event, SegmentState
 from fusion.engine.segment_watch import ANY, NOTICED_S, OUTAGE_S, RESTING, SegmentStep, SegmentWatch
-from fusion.engine.segments import PAUSE_S, MovementDecision, MovementProgress, Pause, pauses_of
+from fusion.engine.segments import MovementDecision, MovementProgress, Pause, pauses_of
 
 CARRIED_S = 0.6
 """In a simulation of observers that die, freeze and start, none held the previous label for longer than 0.5 s."""

@@ -8,15 +8,11 @@ from typing import NamedTuple
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.message_types import MovementTimes
+from common.message_types import LONGEST_STAY, PAUSE_S, MovementTimes
 from common.messages import JudgementMessage, VerdictStage, Vote
 from common.vocabulary import Vocabulary
 from fusion.engine.roster import AgedPosterior
 
-PAUSE_S = 0.4
-"""People rest for longer between two movements, or not at all; observers count repetitions by the same time."""
-PERIODS = 2.0
-"""Who turns round so long after the last time begins anew, as where observers count (observer/model/repetitions.py)."""
 NO_TIMES = MovementTimes()
 
 
@@ -127,7 +123,7 @@ def pauses_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Pause]:
     """The pauses of the labels that are periodic, by the scene file or else by their takes.
 
     While an observer counts its repetitions, a movement goes on: for the shortest rest between two takes, and for
-    PERIODS without a turn.
+    LONGEST_STAY periods without a turn.
     """
     times, hold_ns = vocabulary.movements, config.hold_s * SECOND_NS
     labels = vocabulary.periods if config.periodic is None else config.periodic
@@ -135,7 +131,7 @@ def pauses_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Pause]:
     for label in labels:
         known = times.get(label, NO_TIMES)
         rest_s = PAUSE_S if known.rest_s is None else known.rest_s
-        turn_s = known.shortest_s or 0.0 if known.period_s is None else PERIODS * known.period_s
+        turn_s = known.shortest_s or 0.0 if known.period_s is None else LONGEST_STAY * known.period_s
         rest_ns = max(rest_s * SECOND_NS, hold_ns)
         pauses[label] = Pause(rest_ns, max(rest_ns, turn_s * SECOND_NS, 2 * hold_ns))
     return pauses

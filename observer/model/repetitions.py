@@ -9,17 +9,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from common.message_types import LONGEST_STAY, PAUSE_S
 from observer.model.periodicity import Oscillation
 from observer.tracks import Floats, Floats32
 
 LEAST_RETURN = 0.3
 """Of the swing: who comes back by less has not turned round. On ui_prmd .2 to .3 do best, also for repetitions that are
 half as large; .4 loses six sets of 98."""
-LONGEST_STAY = 2.0
-"""Periods. Who turns round so long after the last time begins anew; turns are half a period apart, and some people of
-ui_prmd hold an exercise for more than one."""
-PAUSE_S = 0.4
-"""A longer rest ends a movement whose shortest rest between two takes is not known, as in the fusion service."""
 
 
 class RepetitionCounter:
