@@ -36,8 +36,8 @@ def _lines() -> Iterator[str]:
     for state, rows in TABLE.items():
         for target in dict.fromkeys(row.state for row in rows if row.state is not state):
             words = dict.fromkeys(PUBLISHED.get(row.effect, "") for row in rows if row.state is target)
-            said = " or ".join(filter(None, words))
-            yield f"    {state.name} --> {target.name}{f': {said}' if said else ''}"
+            published = " or ".join(filter(None, words))
+            yield f"    {state.name} --> {target.name}{f': {published}' if published else ''}"
     yield from ("```", "", "| state | meaning |", "|---|---|")
     yield from (f"| {state.name} | {state.value} |" for state in SegmentState)
     yield from ("", "| in | on | to | what follows | rule |", "|---|---|---|---|---|")

@@ -158,9 +158,9 @@ def open_cameras(
         )
     whole = _at_full_speed(scene)
     opened = {name: _opened(whole, name, BODY_PARTS, smooth=False) for name in chosen}
-    found = [inputs.tracker.tracker.body_parts for inputs in opened.values()]
-    others = [part for part in (found[0] if also is None else also) if part not in BODY_PARTS]
-    parts = (*BODY_PARTS, *(part for part in others if all(part in each for each in found)))
+    tracked_parts = [inputs.tracker.tracker.body_parts for inputs in opened.values()]
+    others = [part for part in (tracked_parts[0] if also is None else also) if part not in BODY_PARTS]
+    parts = (*BODY_PARTS, *(part for part in others if all(part in each for each in tracked_parts)))
     return [_camera(name, inputs, parts, stop) for name, inputs in opened.items()]
 
 

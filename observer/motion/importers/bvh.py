@@ -54,7 +54,7 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
     broken file, or if no joint has an expected name.
     """
     files = files_at(path, "*.[bB][vV][hH]", ".bvh files")
-    recordings, found = [], []
+    recordings, parts_of_files = [], []
     assumed: Counter[str] = Counter()
     for number, file in enumerate(files, 1):
         label, trial = _named(file)
@@ -64,15 +64,15 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
         recording = Recording(positions.astype(np.float32), rate_from(motion.frame_time), label, "1", trial)
         check_recording(recording, len(parts), str(file))
         recordings.append(recording)
-        found.append(tuple(parts))
+        parts_of_files.append(tuple(parts))
         assumed.update(notes)
         if progress:
             progress(number, len(files))
     lines = tuple(f"{text} ({count} of {len(files)} files)" for text, count in assumed.items())
-    common = tuple(part for part in found[0] if all(part in parts for parts in found))
+    common = tuple(part for part in parts_of_files[0] if all(part in parts for parts in parts_of_files))
     recordings = [
         replace(r, positions=r.positions[:, [parts.index(part) for part in common]])
-        for r, parts in zip(recordings, found, strict=True)
+        for r, parts in zip(recordings, parts_of_files, strict=True)
     ]
     return ImportResult(MotionArchive(common, tuple(recordings)), lines)
 
