@@ -65,6 +65,10 @@ class Scene(Section):
             raise BadInput('no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"')
         for name in self.observers:
             identifier(name, "observers")
+        strange = [label for label in self.fusion.periodic or () if label not in (self.vocabulary or (label,))]
+        if strange:
+            known = ", ".join(self.vocabulary or ())
+            raise BadInput(f"fusion.periodic = {strange[0]!r}: no movement of the vocabulary; known: {known}")
         if self.fusion.quorum > len(self.observers):
             raise BadInput(
                 f"fusion.quorum = {self.fusion.quorum}: the scene has {plural(len(self.observers), 'observer')}, and "

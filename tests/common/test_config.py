@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config import MODELS, read_scene
+from common.config import MODELS, Scene, read_scene
 from common.errors import BadInput
 
 LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "motion.npz"\n'
@@ -279,3 +279,10 @@ def test_a_mark_belongs_to_the_rule_nearest(tmp_path, keys):
         read_scene(file, {})
     file.write_text('scene = "d"\n[observers.a]\nsource = "0"\nfollow = "nearest"\nfollow_near = [0.5, 1]\n')
     assert read_scene(file, {}).observers["a"].follow_near == (0.5, 1.0)
+
+
+def test_a_periodic_movement_is_one_of_the_vocabulary():
+    keys = {"scene": "dojo", "observers": {"door": {"source": "0"}}, "fusion": {"periodic": ["wav"]}}
+    with pytest.raises(BadInput, match=r"'wav': no movement of the vocabulary; known: wave, clap"):
+        Scene(vocabulary=("wave", "clap"), **keys)
+    assert Scene(**keys).fusion.periodic == ("wav",)
