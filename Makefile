@@ -100,17 +100,17 @@ clean:           ## remove all environments and everything built
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(VENV) '.[all,dev]' --packages 68
+	@$(environment) $(VENV) '.[all,dev]' --packages 69
 	@touch $@
 
 $(MEDIAPIPE)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("mediapipe 0.10.21 has wheels for Python 3.11 and 3.12 only, this is " + sys.version.split()[0] + ": make test-mediapipe PYTHON=python3.11") if not (3, 11) <= sys.version_info < (3, 13) else None'
-	@$(environment) $(MEDIAPIPE) '.[mediapipe,dev]' --packages 71 --no-windows
+	@$(environment) $(MEDIAPIPE) '.[mediapipe,dev]' --packages 72 --no-windows
 	@touch $@
 
 $(CAMERAS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt]' --packages 53 --no-windows
+	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt]' --packages 54 --no-windows
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
@@ -120,10 +120,10 @@ $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
 
 $(PEERS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(PEERS) '.[peers,dev]' --packages 63
+	@$(environment) $(PEERS) '.[peers,dev]' --packages 64
 	@touch $@
 
 $(TRANSPORTS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(TRANSPORTS) '.[transports,all,dev]' --packages 70
+	@$(environment) $(TRANSPORTS) '.[transports,all,dev]' --packages 71
 	@touch $@

@@ -28,7 +28,6 @@ REST_S = 1.6
 TREMBLING = 0.03
 """Body sizes: the noise of a resting person's parts."""
 ROWS_PER_S = 15.0
-STREAM_WEIGHT = 1.0
 AFTERGLOW_S = 0.1
 """For so long after its end a movement in a stream is still shown."""
 LEARNED_FACINGS = 4
@@ -110,7 +109,7 @@ def rows_of_streams(
             inside = (at >= span.begin) & (at < span.end + AFTERGLOW_S * rate_hz)
             progress = (at[inside] - span.begin) / (span.end - span.begin)
             targets[inside] = targets_of(span.movement, np.clip(progress / RECOGNISABLE, 0, 1), movements)
-        yield Rows(trace, at, targets, np.full(len(at), STREAM_WEIGHT, np.float32))
+        yield Rows(trace, at, targets, np.ones(len(at), np.float32))
 
 
 def part_of(frames: int, part: tuple[int, int]) -> tuple[int, int]:
