@@ -20,6 +20,7 @@ from common.tracker_choice import POSE_TRACKERS, STANDARD_INPUT, chosen_tracker,
 
 if TYPE_CHECKING:
     from observer.geometry.views import View
+    from observer.model.base import Header
 
 T = TypeVar("T")
 
@@ -125,9 +126,8 @@ def _check_model(
 ) -> None:
     from observer.geometry.views import is_this_camera
     from observer.model.base import LearnsStreams, knows_blends_only
-    from observer.model.model_file import doubt_of_camera, doubt_of_view, read_model, require_match
-    from observer.runtime.prepared_tracker import lacking_parts
-    from observer.runtime.scene_inputs import is_untaught, person_in
+    from observer.model.model_file import read_model, require_match
+    from observer.runtime.scene_inputs import is_untaught
 
     path = scene.model_file(result.observer)
     if is_untaught(scene, result.observer):
@@ -141,13 +141,36 @@ def _check_model(
     header = model.header
     result.labels, result.rate_hz, result.kind = list(header.vocabulary.labels), header.rate_hz, header.kind
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
+    _check_parts(header, result, finds)
+    _check_view(scene, section, result, header, view)
+    if is_this_camera(header.matrix):
+        result.taught_from = header.view.partition(":")[2] or result.observer
+    if isinstance(model, LearnsStreams) and knows_blends_only(header):
+        result.blends_only = True
+
+
+def _check_parts(header: "Header", result: PreflightResult, finds: Sequence[str]) -> None:
+    """Whether the tracker finds the body parts that the model reads."""
+    from observer.runtime.prepared_tracker import lacking_parts
+
     lacking = [part for part in header.body_parts if finds and part not in finds]
-    if lacking:
-        line = lacking_parts(lacking, finds)
-        if len(lacking) < len(header.body_parts):
-            result.doubts.append(f"{line}; as it is, the model judges by the others")
-        else:
-            result.faults.append(line)
+    if not lacking:
+        return
+    line = lacking_parts(lacking, finds)
+    if len(lacking) < len(header.body_parts):
+        result.doubts.append(f"{line}; as it is, the model judges by the others")
+    else:
+        result.faults.append(line)
+
+
+def _check_view(
+    scene: Scene, section: ObserverConfig, result: PreflightResult, header: "Header", view: "View | None"
+) -> None:
+    """Whether the model was learned for this view, and for this camera."""
+    from observer.model.model_file import doubt_of_camera, doubt_of_view
+    from observer.runtime.scene_inputs import person_in
+
+    path = scene.model_file(result.observer)
     if view and not view.has_place and (section.place, section.facing) != (None, None):
         result.doubts.append(f"place, facing: only for camera files; view = {section.view!r} is none and ignores them")
     person = person_in(scene, result.observer, view) if view else None
@@ -155,10 +178,6 @@ def _check_model(
         result.doubts.append(doubt)
     if doubt := doubt_of_camera(path, header, result.observer, scene.roster):
         result.doubts.append(doubt)
-    if is_this_camera(header.matrix):
-        result.taught_from = header.view.partition(":")[2] or result.observer
-    if isinstance(model, LearnsStreams) and knows_blends_only(header):
-        result.blends_only = True
 
 
 def main(words: Sequence[str]) -> Iterator[str]:

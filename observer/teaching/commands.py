@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from common.teaching_messages import LearnedReport
     from observer.teaching.film_takes import TaughtFilm
     from observer.teaching.model_learner import ModelLearner
+    from observer.teaching.takes_file import TakesFile
 
 RUNS_S, LOOK_S = 1.0, 0.1
 """An observer that runs is found within milliseconds. While a model is learned, Ctrl-C is looked for that often."""
@@ -74,18 +75,13 @@ def _teach(
     """Find the takes, learn from them and, if that succeeds, keep both. work: a file to work with."""
     from common.teaching_messages import SOMEONE
     from observer.commands import pipeline_of
-    from observer.motion.archive import TracksCamera
     from observer.teaching.film_takes import add_takes, labels_of, open_film
     from observer.teaching.model_learner import ModelLearner
     from observer.teaching.service import scene_model_of, takes_of
-    from observer.teaching.takes_file import TakesFile
 
     inputs = open_film(scene, observer, films[0])
-    parts = inputs.tracker.every_part
-    takes = takes_of(scene, observer, parts)
-    if add and takes.path.exists():
-        shutil.copy(takes.path, work)
-    working = TakesFile(work, parts, TracksCamera(observer))
+    takes = takes_of(scene, observer, inputs.tracker.every_part)
+    working = _working_copy(takes, work, observer, inputs.tracker.every_part, add=add)
     earlier = len(working.recordings)
     for number, film in enumerate(films):
         played = open_film(scene, observer, film) if number else inputs
@@ -102,6 +98,20 @@ def _teach(
         takes.finish()
     finally:
         learner.close()
+    _print_learned(observer, report, labels)
+
+
+def _working_copy(takes: "TakesFile", work: Path, observer: str, parts: Sequence[str], *, add: bool) -> "TakesFile":
+    """A file in `work` for the new takes; add: it begins with those that are kept."""
+    from observer.motion.archive import TracksCamera
+    from observer.teaching.takes_file import TakesFile
+
+    if add and takes.path.exists():
+        shutil.copy(takes.path, work)
+    return TakesFile(work, parts, TracksCamera(observer))
+
+
+def _print_learned(observer: str, report: "LearnedReport", labels: Sequence[str]) -> None:
     print(f"{observer}: {_result_line(report)}, of takes that were left out")
     if report.periods:
         print(periods_line(report.periods))
