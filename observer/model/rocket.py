@@ -76,8 +76,11 @@ class MiniRocket:
         self._weights = [weights_of(channels) for channels in parameters.channels]
         self._margins = [int(dilation) * (TAPS // 2) for dilation in parameters.dilations]
         self._reach = max(self._margins)
-        shares = [_share_of_one(length, margin, n, len(b)) for n, (margin, b) in enumerate(self._steps())]
-        self._shares: Floats32 = np.concatenate(shares)
+        limits = [_limits(length, *step, number) for number, step in enumerate(self._steps())]
+        shares = [1 / np.isfinite(limit).sum(axis=1) for limit in limits]
+        self._shares: Floats32 = np.concatenate([share.ravel() for share in shares]).astype(np.float32)
+        # Compared with a row of all instants at once.
+        self._limits = [limit.reshape(len(limit), -1) for limit in limits]
         self._counter = np.uint8 if length <= np.iinfo(np.uint8).max else np.uint32
 
     @classmethod
@@ -121,18 +124,14 @@ class MiniRocket:
 
     def _count(self, windows: NDArray[np.floating], result: Floats32) -> None:
         """Write at how many instants each convolution exceeds each bias."""
-        padded = pad(windows, self._reach)
-        begin = 0
-        for n, (margin, biases) in enumerate(self._steps()):
-            convolved = _taps(padded, self.length, self._reach, margin) @ self._weights[n]
-            # Every other kernel judges only the instants at which it lies inside the window.
-            outer = convolved[:, :, 1 - n % 2 :: 2]
-            outer[:, :margin] = -np.inf
-            outer[:, self.length - margin :] = -np.inf
-            above = convolved[:, :, None, :] > biases
-            counts = np.add.reduce(above.view(np.uint8), axis=1, dtype=self._counter)
-            end = begin + biases.size
-            result[:, begin:end] = counts.reshape(len(windows), -1)
+        padded, count, begin = pad(windows, self._reach), len(windows), 0
+        for margin, weights, limits in zip(self._margins, self._weights, self._limits, strict=True):
+            convolved = _taps(padded, self.length, self._reach, margin) @ weights
+            above = convolved.reshape(count, 1, -1) > limits
+            by_instant = above.view(np.uint8).reshape(count, len(limits), self.length, -1)
+            counts = np.add.reduce(by_instant, axis=2, dtype=self._counter)
+            end = begin + counts[0].size
+            result[:, begin:end] = counts.reshape(count, -1)
             begin = end
 
     def _steps(self) -> Iterator[tuple[int, Floats32]]:
@@ -228,8 +227,13 @@ def row_quantiles(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -
     return result
 
 
-def _share_of_one(length: int, margin: int, number: int, biases: int) -> Floats32:
-    """(biases * 84,) what one instant adds to the features of a dilation: every other kernel has fewer instants."""
-    instants = np.full(len(KERNELS), length)
-    instants[1 - number % 2 :: 2] -= 2 * margin
-    return np.tile(1 / instants, biases).astype(np.float32)
+def _limits(length: int, margin: int, biases: Floats32, number: int) -> Floats32:
+    """(B, 84) biases -> (B, length, 84) what a convolution must exceed at each instant.
+
+    Every other kernel judges only the instants at which it lies inside the window: the limit at others is infinite.
+    """
+    limits = np.repeat(biases[:, None], length, axis=1)
+    outer = limits[:, :, 1 - number % 2 :: 2]
+    outer[:, :margin] = np.inf
+    outer[:, length - margin :] = np.inf
+    return limits
