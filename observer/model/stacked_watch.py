@@ -51,6 +51,9 @@ class StackedWatch(Watch):
         self._hop, self._left = hop_of(header.rate_hz), 0
         # Before the first classification there is only the prior, in which something else is one answer of M + 1.
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
+        # Of the segment's rows, which remain the same while the person rests after it.
+        self._segment_rows, self._elapsed = self._rows, 1.0
+        self._log_segment: Floats | None = None
         self._answers: Floats = np.append(np.zeros(movements), 1.0)
         self._judged: Floats = np.full(movements, 1 / movements)
         self._something_else = 1 / (movements + 1)
@@ -127,20 +130,22 @@ class StackedWatch(Watch):
         model = self._model
         self._log_trailing = model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
         self._answers = np.exp(self._log_trailing)
-        log_segment, elapsed = None, 1.0
-        if self._segment.begun:
-            rows = self._segment.rows_of(self._rows)
-            log_segment = model.segments.log_posteriors(rows).astype(float)
-            running = np.exp(log_segment[0] - log_segment[0].max())
-            elapsed = len(rows) / float(running @ model.lengths / running.sum())
+        rows = self._segment.rows_of(self._rows)
+        if not len(rows):
+            self._log_segment, self._elapsed = None, 1.0
+        elif not np.array_equal(rows, self._segment_rows):
+            self._log_segment = model.segments.log_posteriors(rows).astype(float)
+            running = np.exp(self._log_segment[0] - self._log_segment[0].max())
+            self._elapsed = len(rows) / float(running @ model.lengths / running.sum())
+        self._segment_rows = rows
         self.instant = instant_of(
             None if self._phase is None else self._phase.p,
             self._log_trailing,
-            log_segment,
+            self._log_segment,
             None if self._nearest is None else self._nearest.relative_distances,
             extent(self._rows, model.header.rate_hz) / model.extents,
             over,
-            elapsed,
+            self._elapsed,
         )
         self._judged, something_else = model.stacker.judge(self.instant)
         self._something_else = float(something_else)
