@@ -233,13 +233,17 @@ class StatusMessage(Message):
 
 
 class VocabularyMessage(Message):
-    """The labels of the movements, in the order of every `p`, their hash, and what their takes say about durations."""
+    """The labels of the movements, in the order of every `p`, their hash, and what their takes say about durations.
+
+    `fusion`: the service that sends it, whose durations are those that the observers agree on; observers omit it.
+    """
 
     scene: Identifier
     name: ShortText
     hash: Id
     labels: list[Label] = Field(min_length=2, max_length=LABELS_LIMIT)
     movements: dict[Label, MovementTimes] = Field(default_factory=dict, max_length=LABELS_LIMIT)
+    fusion: Identifier | None = None
 
     @model_validator(mode="after")
     def _hash_fits(self) -> "VocabularyMessage":

@@ -99,9 +99,9 @@ def encode(message: AnyMessage, full: bool = False) -> bytes:
     return packed
 
 
-def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
-    """The labels of the movements, for peers that know only the hash; observers and fusion services answer with it."""
-    return encode(_vocabulary_message(scene, vocabulary))
+def encode_vocabulary(scene: str, vocabulary: Vocabulary, fusion: str | None = None) -> bytes:
+    """The labels of the movements, for peers that know only the hash; `fusion`, or an observer, answers with it."""
+    return encode(_vocabulary_message(scene, vocabulary, fusion))
 
 
 def decode(kind: type[M], payload: bytes) -> M:
@@ -196,10 +196,10 @@ def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
         )
 
 
-def _vocabulary_message(scene: str, vocabulary: Vocabulary) -> VocabularyMessage:
+def _vocabulary_message(scene: str, vocabulary: Vocabulary, fusion: str | None = None) -> VocabularyMessage:
     labels, movements = list(vocabulary.labels), dict(vocabulary.movements)
     return VocabularyMessage(
-        scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=labels, movements=movements
+        scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=labels, movements=movements, fusion=fusion
     )
 
 

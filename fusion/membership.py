@@ -8,10 +8,11 @@
    scene. A query of a listener changes nothing.
 4. A scene that names no vocabulary asks its observers for theirs, again as soon as another appears, until one answers.
    Later the owner changes to the vocabulary in which most observers publish (fusion/vocabulary_change.py), and the
-   other services follow the owner.
+   other services follow the owner. In every scene the durations of movements are those that the observers agree on.
 """
 
 import logging
+from dataclasses import replace
 
 from common.config import Scene
 from common.keys import observer_of as service_of
@@ -163,15 +164,19 @@ class SceneMember:
             self.worker.stand_down()
 
     def _follow_vocabulary(self) -> None:
-        """Change the vocabulary when the observers, or the owner that this service follows, have changed it."""
-        if self._is_named or self.worker is None or self.vocabulary is None:
-            return
-        wanted = self._wanted_vocabulary(self.worker)
-        if wanted is None or wanted == self.vocabulary.digest:
-            self._end_lookup()
+        """Change the vocabulary when the observers, or the owner that this service follows, have changed it; and at
+        rest the durations of its movements, when observers know others."""
+        if self.worker is None or self.vocabulary is None:
             return
         if self._lookup is None:
-            self._lookup = VocabularyLookup(self.scene, self._service)
+            self._lookup = VocabularyLookup(self.scene, self._service, self.worker.present)
+        wanted = None if self._is_named else self._wanted_vocabulary(self.worker)
+        if wanted in (None, self.vocabulary.digest):
+            times = self._lookup.times(self.vocabulary.digest)
+            if times is not None and times != self.vocabulary.movements and self.worker.at_rest:
+                self.vocabulary = replace(self.vocabulary, movements=times)
+                self.worker.take_times(self.vocabulary)
+            return
         vocabulary = self._lookup.poll(wanted)
         if vocabulary is not None:
             self._end_lookup()
@@ -207,6 +212,7 @@ class SceneMember:
         elif not fuses and self.worker is not None and self.worker.reconcile():
             self.worker.close()
             self.worker = None
+            self._end_lookup()
         if self.worker is not None:
             if role is Role.OWNER and not self.worker.restored:
                 self._restore(self.worker)

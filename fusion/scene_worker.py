@@ -77,7 +77,8 @@ class SceneWorker:
     """An engine with its subscriptions and publications, which end with `close`.
 
     fuses: whether posteriors are fused, not only received. owns: whether the results are published; `epoch` goes with
-    them. restored: whether the engine continues from messages of another service or an earlier process.
+    them. restored: whether the engine continues from messages of another service or an earlier process. present: the
+    observers that are. checkpoint: what another service needs to continue.
     """
 
     def __init__(
@@ -102,7 +103,7 @@ class SceneWorker:
         names = map(scene.keys.posterior, scene.roster) if service.polled else ()
         self._posteriors = self._session.newest(*names)
         alive_keys = map(scene.keys.observer_alive, scene.roster)
-        self._present = self._session.presence(scene.keys.observer_alive(), alive_keys)
+        self.present = self._session.presence(scene.keys.observer_alive(), alive_keys)
         self._alive: frozenset[str] | None = None
         self._ingest = PosteriorIngest(engine, status, service.clock)
         self._clocks = ClockQuerier(
@@ -110,7 +111,9 @@ class SceneWorker:
         )
         full_votes = scene.fusion.votes == "full"
         self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full_votes, service.put)
-        self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
+        self._own = service.own
+        self.checkpoint = self._publisher.checkpoint
+        self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary, service.own)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
         self._unreconciled: UnreconciledMovement | None = None
@@ -145,9 +148,9 @@ class SceneWorker:
         self._load.record(round(self._ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
         if read:
             self._ingest.take(*read)
-        if self._present.alive is not self._alive:
+        if self.present.alive is not self._alive:
             # After the posteriors: a last one must not bring back an observer that has gone.
-            self._alive = self._present.alive
+            self._alive = self.present.alive
             present = frozenset(map(observer_of, self._alive))
             self._engine.set_present(present)
             self._ingest.vocabularies.set_present(present)
@@ -170,7 +173,8 @@ class SceneWorker:
         if self._unreconciled is not None and self.owns:
             self._unreconciled.record_message(output.judgement)
         self._withheld += output.verdicts
-        if not self.owns or not self._can_publish():
+        # While the router is away, verdicts wait, and judgements with them.
+        if not self.owns or (not self._is_reachable() and self._withheld):
             return StepResult(output)
         published, self._withheld = self._withheld, []
         self._publisher.publish(published, output.judgement, self._vocabulary, self._ticks())
@@ -184,18 +188,14 @@ class SceneWorker:
         for status, reading in self._clocks.readings():
             self._engine.record_clock(status.id, reading)
 
-    def _can_publish(self) -> bool:
-        """Whether to publish now: while the router is away, verdicts wait, and judgements with them."""
-        if self._scene.mesh.mode != "router":
-            return True
-        return self._is_reachable() or not self._withheld
-
     def _is_reachable(self) -> bool:
-        return self._reachable.update(self._link.connected, self._received_s, self._ticks())
+        return self._scene.mesh.mode != "router" or self._reachable.update(
+            self._link.connected, self._received_s, self._ticks()
+        )
 
     def is_receiving(self, now_s: float) -> bool:
         """Whether posteriors arrive, or no observer is present."""
-        return not self._present.alive or now_s - self._received_s < RECEPTION_TIMEOUT_S
+        return not self.present.alive or now_s - self._received_s < RECEPTION_TIMEOUT_S
 
     def stand_down(self) -> None:
         """Stop publishing, because another service is the owner: see reconciliation.py."""
@@ -208,7 +208,7 @@ class SceneWorker:
         """Publish the end of the movement in which this service stood down, once it is due, and verdicts that may be
         lost (reconciliation.py). Returns whether nothing is left to publish; to be called at every step.
         """
-        is_reachable = self._scene.mesh.mode != "router" or self._is_reachable()
+        is_reachable = self._is_reachable()
         now_s = self._ticks()
         self._publisher.repeat_verdicts(self._reachable.lost_from(now_s), now_s)
         if self._unreconciled is None:
@@ -243,11 +243,16 @@ class SceneWorker:
         """Fuse posteriors in `vocabulary` from now on; the owner ends a decided movement first, and publishes the new
         vocabulary, so that listeners need not ask for it."""
         ended = self._engine.change_vocabulary(vocabulary, self._clock())
-        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary)
+        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
         if self.owns:
             self._publisher.change_vocabulary([*self._withheld, *ended], self._vocabulary, self._ticks())
         self._withheld.clear()
         log.info("%s: new vocabulary: %s", self._scene.scene, ", ".join(vocabulary.labels))
+
+    def take_times(self, vocabulary: Vocabulary) -> None:
+        """Take the durations of the same movements in `vocabulary`; the owner publishes them with the next step."""
+        self._engine.take_times(vocabulary)
+        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
 
     def _log_waiting(self, judgement: JudgementMessage) -> None:
         waiting = judgement.agreement.n == 0
@@ -288,10 +293,6 @@ class SceneWorker:
                 ended_ns = checkpoint.judgement.at_ns
                 self._withheld.append(self._engine.close(checkpoint.unfinished, ended_ns, self._clock()))
         self.restored = True
-
-    def checkpoint(self) -> Checkpoint | None:
-        """See VerdictPublisher.checkpoint."""
-        return self._publisher.checkpoint()
 
     def close(self) -> None:
         """End all subscriptions and publications."""

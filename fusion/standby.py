@@ -1,24 +1,29 @@
 """What a fusion service asks of others: messages of other services, a handover, the vocabulary of the observers."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from pydantic import ValidationError
 
 from common.config import Scene
 from common.errors import LabanmeshError
+from common.inbox import Presence
 from common.link import Link
+from common.message_types import MovementTimes
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.vocabulary import Vocabulary
-from common.wire import BadMessage, check_vocabulary, decode, decode_from, require_fits
+from common.wire import BadMessage, check_vocabulary, decode_from, require_fits
 from common.zenoh_settings import MAX_MESSAGE_BYTES
 from fusion.checkpoint import Checkpoint
 from fusion.scene_worker import Service
+from fusion.vocabulary_change import agreed_times
 
 log = logging.getLogger("labanmesh.fusion")
 HANDOVER_TIMEOUT_S = 1.0
 """An owner that does not answer a handover request for this long is assumed to publish no more."""
 VOCABULARY_TIMEOUT_S = 1.0
+TIMES_EVERY_S = 10.0
+"""Observers learn from more takes seldom; which durations they know then is asked so often."""
 DECODE_EVERY_S = 1.0
 """A listener that only keeps the last messages decodes one judgement per second; the others count as heartbeats."""
 
@@ -133,41 +138,67 @@ class HandoverRequest:
 
 
 class VocabularyLookup:
-    """Asks the observers of a scene for their vocabulary; the first usable answer counts.
+    """Asks the observers of a scene for their vocabulary when one of them appears, and again from time to time."""
 
-    It asks when an observer appears, so that a film of a second is not over before fusion begins, and again every
-    VOCABULARY_TIMEOUT_S.
-    """
-
-    def __init__(self, scene: Scene, service: Service) -> None:
+    def __init__(self, scene: Scene, service: Service, present: Presence | None = None) -> None:
+        """present: the observers that are there, if the caller knows them already."""
         self._scene, self._ticks = scene, service.ticks
         self._session = service.link.sub_session(polled=True)
-        self._present = self._session.presence(
+        self._present = present or self._session.presence(
             scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
         )
         self._asked: frozenset[str] = frozenset()
-        self._payloads: list[bytes] = []
         self._asked_s = float("-inf")
+        self._payloads: list[bytes] = []
+        self._is_complete = False
+        self._times: Mapping[str, MovementTimes] | None = None
 
     def poll(self, digest: str | None = None) -> Vocabulary | None:
-        """The vocabulary, once an observer has answered; asks when it is due. digest: its hash; None: any."""
+        """The vocabulary in the first usable answer, so that a film of a second is not over before fusion begins; asks
+        when it is due. digest: its hash; None: any."""
         self._session.poll()
-        payloads, self._payloads = self._payloads, []
+        payloads = self._payloads.copy()
+        self._payloads.clear()
+        for vocabulary, _ in self._usable(payloads, digest):
+            return vocabulary
+        self._ask(VOCABULARY_TIMEOUT_S)
+        return None
+
+    def times(self, digest: str) -> Mapping[str, MovementTimes] | None:
+        """The durations that the observers with the vocabulary `digest` agree on; None until all have answered."""
+        self._session.poll()
+        if self._is_complete:
+            answers = [vocabulary for vocabulary, fusion in self._usable(self._payloads, digest) if fusion is None]
+            self._times, self._is_complete = agreed_times(answers) if answers else self._times, False
+        self._ask(TIMES_EVERY_S)
+        return self._times
+
+    def _usable(self, payloads: Iterable[bytes], digest: str | None) -> Iterator[tuple[Vocabulary, str | None]]:
+        """The vocabularies in these answers, each with the fusion service that has sent it."""
         for payload in payloads:
             try:
-                vocabulary = decode(VocabularyMessage, payload).vocabulary
-                if digest in (None, vocabulary.digest):
-                    require_fits(self._scene, vocabulary)
-                    return vocabulary
+                message = decode_from(self._scene.keys.vocabulary, VocabularyMessage, payload)
+                if digest in (None, message.hash):
+                    require_fits(self._scene, message.vocabulary)
+                    yield message.vocabulary, message.fusion
             except LabanmeshError as error:
                 log.warning("a vocabulary that cannot be used: %s", error)
+
+    def _ask(self, every_s: float) -> None:
         present = self._present.alive
-        if present - self._asked or self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
-            self._asked_s, self._asked = self._ticks(), present
-            self._session.request(
-                self._scene.keys.vocabulary, lambda _, payload: self._payloads.append(payload), VOCABULARY_TIMEOUT_S
-            )
-        return None
+        self._asked &= present
+        if present == self._asked and self._ticks() - self._asked_s < every_s:
+            return
+        self._asked_s, self._asked = self._ticks(), present
+        payloads = self._payloads = list[bytes]()
+        self._is_complete = False
+
+        def finish() -> None:
+            self._is_complete = self._payloads is payloads
+
+        self._session.request(
+            self._scene.keys.vocabulary, lambda _, payload: payloads.append(payload), VOCABULARY_TIMEOUT_S, finish
+        )
 
     def close(self) -> None:
         """Stop asking."""

@@ -44,14 +44,15 @@ class EngineOutput:
 
 
 class FusionEngine:
-    """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule."""
+    """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule.
+
+    epoch: of the service that owns the scene, and session, random per process, are written into each message.
+    """
 
     def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self.vocabulary = vocabulary
         self.epoch: int | None = None
-        """The epoch of the service that owns the scene, written into each message."""
         self.session: str | None = None
-        """Random per process, written into each message."""
         self._scene, self._config = scene, config
         self._rule = get_rule(config.rule)
         self._roster = Roster(observers, vocabulary, config)
@@ -80,12 +81,8 @@ class FusionEngine:
     def reliability(self, reliability: Reliability) -> None:
         self._reliability = reliability
         # Read at every step, and changed once per verdict.
-        self._records = {
-            observer: ObserverRecord(
-                self.skew_s(observer), reliability.honest(observer), reliability.correlations(observer)
-            )
-            for observer in self._roster.rejected
-        }
+        honest, correlations, names = reliability.honest, reliability.correlations, self._roster.rejected
+        self._records = {each: ObserverRecord(self.skew_s(each), honest(each), correlations(each)) for each in names}
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` seconds after the first one."""
@@ -94,8 +91,7 @@ class FusionEngine:
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
         captured_ns = self._clocks.captured_ns(observer, message, now_ns)
-        reason = self._roster.receive(observer, message, now_ns, captured_ns)
-        if reason is None:
+        if (reason := self._roster.receive(observer, message, now_ns, captured_ns)) is None:
             self._clocks.record_message(observer, message)
         return reason
 
@@ -128,13 +124,17 @@ class FusionEngine:
             stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
             verdicts = [self._verdict(now_ns, decision, {now_ns: basis}, stamp)]
         self._roster.change_vocabulary(vocabulary)
-        self._segmenter.change_vocabulary(vocabulary)
-        self.vocabulary = vocabulary
+        self.take_times(vocabulary)
         self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases, self._last_observed, self._nearest = NO_BASES, None, NearestMiss()
         self.reliability = Reliability()
         self._segmenter.wait(0)
         return self._released(verdicts)
+
+    def take_times(self, vocabulary: Vocabulary) -> None:
+        """Take the durations of movements in `vocabulary`, which has the same labels."""
+        self._segmenter.change_vocabulary(vocabulary)
+        self.vocabulary = vocabulary
 
     def step(self, now_ns: int) -> EngineOutput:
         """Fuse the posteriors at `now_ns` to a judgement, and a verdict if one is due."""

@@ -1,5 +1,6 @@
 """Observers that change their vocabulary while everything runs: fusion services, late joiners and listeners follow."""
 
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -7,6 +8,7 @@ from mesh_stage import LOOPBACK, posterior
 from processes import until
 
 from common.config import read_scene
+from common.message_types import MovementTimes
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import check_vocabulary, decode, encode_vocabulary
@@ -31,9 +33,9 @@ def scene(tmp_path, request):
 class MovingObserver:
     """Publishes a movement, sure of its vocabulary's first label, RATE_HZ times a second until the test ends."""
 
-    def __init__(self, mesh, scene, name):
-        self.seq = 0
-        self.link, self.name, self.vocabulary = mesh.peer("observer"), name, OLD
+    def __init__(self, mesh, scene, name, vocabulary=OLD):
+        self.seq, self.rest = 0, 0.05
+        self.link, self.name, self.vocabulary = mesh.peer("observer"), name, vocabulary
         self.publisher = self.link.publisher(scene.keys.posterior(name))
         self.link.answer(scene.keys.vocabulary, lambda: encode_vocabulary("dojo", self.vocabulary))
         self.link.announce(scene.keys.observer_alive(name))
@@ -44,7 +46,7 @@ class MovingObserver:
         vocabulary = self.vocabulary
         p = [0.98] + [0.02 / (vocabulary.size - 1)] * (vocabulary.size - 1)
         reference = VocabularyReference(name="", hash=vocabulary.digest)
-        self.publisher.put(posterior(self.name, self.seq, p=p, vocabulary=reference))
+        self.publisher.put(posterior(self.name, self.seq, p=p, vocabulary=reference, rest=self.rest))
 
     def _go_on(self, stop):
         while not stop.wait(1 / RATE_HZ):
@@ -117,3 +119,24 @@ def test_a_scene_that_names_its_vocabulary_keeps_it(mesh, scene):
         camera.vocabulary = NEW
     foreign = heard.until(lambda m: isinstance(m, JudgementMessage) and m.votes["cam3"].state == "foreign")
     assert foreign.vocabulary.hash == OLD.digest
+
+
+def times(**fields):
+    return {"bowing": MovementTimes(**fields)}
+
+
+@pytest.mark.parametrize("scene", ["", 'vocabulary = ["bowing", "lunging"]\n'], ids=["any", "named"], indirect=True)
+def test_the_durations_of_movements_are_those_that_the_observers_agree_on(mesh, scene):
+    heard = Heard(mesh, scene)
+    cameras = [
+        MovingObserver(mesh, scene, name, replace(OLD, movements=times(rest_s=rest_s, period_s=period_s)))
+        for name, rest_s, period_s in zip(CAMERAS, (0.3, 7.0, 0.5), (0.4, None, 0.6), strict=True)
+    ]
+    for camera in cameras:
+        camera.rest = 0.95
+    mesh.run(partial(serve, [scene], "a", mesh.peer("standby")))
+    agreed = heard.until(lambda m: isinstance(m, VocabularyMessage) and m.movements == times(rest_s=0.5, period_s=0.5))
+    assert (agreed.hash, agreed.fusion) == (OLD.digest, "a")
+    asked = [decode(VocabularyMessage, payload) for _, payload in mesh.peer().ask_each(scene.keys.vocabulary, 1.0)]
+    assert sorted(message.fusion or "" for message in asked) == ["", "", "", "a"]
+    assert next(message for message in asked if message.fusion == "a").movements == agreed.movements
