@@ -45,7 +45,7 @@ class AgedPosterior:
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
     labels and its course (trust.py). correlations: with other observers, learned from verdicts (reliability.py).
-    freshness: k of rules 3 and 7, 0 to 1. repetitions: as published.
+    freshness: k of rules 3 and 7, 0 to 1. repetitions: as published. answers: `answers_of` it, if it is known.
     """
 
     observer: str
@@ -61,6 +61,7 @@ class AgedPosterior:
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
     repetitions: float | None = None
+    answers: Floats | None = None
 
     @property
     def information(self) -> float:
@@ -76,8 +77,8 @@ class AgedPosterior:
 class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
-    p, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel; stays: of its
-    labels, by what it says after decisions (trust.py). session_ns: when its session began here. captured_ns,
+    p, answers, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel; stays:
+    of its labels, by what it says after decisions (trust.py). session_ns: when its session began here. captured_ns,
     received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part. fault: the vote
     state after an unusable message; None after a usable one. gone: the process disappeared after its last message. All
     times by our clock, Unix epoch.
@@ -86,6 +87,7 @@ class RosterEntry:
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
     message: PosteriorMessage | None = None
     p: Floats = field(default_factory=lambda: np.empty(0))
+    answers: Floats = field(default_factory=lambda: np.empty(0))
     rest: float = 1.0
     surprise: Surprise | None = None
     facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
@@ -114,12 +116,23 @@ class RosterEntry:
             self.fault = "foreign" if reason == "foreign_vocabulary" else "invalid"
 
 
+def answers_of(p: Floats, unlearned: float | None) -> Floats:
+    """(M + 1,) a posterior (M,) with "something else" last, at the prior if the observer does not publish it."""
+    size = len(p)
+    u = 1.0 / (size + 1) if unlearned is None else unlearned
+    answers = np.empty(size + 1)
+    np.multiply(p, 1.0 - u, answers[:size])
+    answers[size] = u
+    return answers
+
+
 def faded(posterior: AgedPosterior, prior: Floats) -> AgedPosterior:
     """The posterior faded by its `freshness` (rules 3 and 7)."""
     freshness, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
     return replace(
         posterior,
         p=temper(posterior.p, prior, freshness),
+        answers=None,
         state="stale",
         unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, freshness),
         surprise=None if surprise is None else faded_surprise(surprise, freshness),
@@ -134,7 +147,7 @@ def freshness_after(seconds: float, constant_s: float) -> float:
 
 def faded_unlearned(p: Floats, unlearned: float, freshness: float) -> float:
     """`unlearned` after the posterior over all M+1 answers has faded; p (M,)."""
-    answers = np.append(p * (1.0 - unlearned), unlearned)
+    answers = answers_of(p, unlearned)
     return float(temper(answers, uniform(len(answers)), freshness)[-1])
 
 

@@ -22,6 +22,7 @@ import numpy as np
 from common import SECOND_NS
 from common.posterior import FACETS_LIMIT
 from common.probability import Floats, decode_facing, temper, uniform
+from fusion.engine.aged_posterior import answers_of
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.weighing import ObserverTrust, Rule, RuleResult
 
@@ -236,15 +237,13 @@ def _rows(case: PoolingCase) -> Floats:
 
 def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:
     """(N, M), or (N, M+1) with "something else" last (1)."""
-    p = rows[:-1]
     if not has_unlearned:
-        return p
-    observers, size = p.shape
-    neutral, answers = 1.0 / (size + 1), np.empty((observers, size + 1))
-    unlearned = [neutral if posterior.unlearned is None else posterior.unlearned for posterior in case.posteriors]
-    answers[:, size] = unlearned
-    np.multiply(p, np.array([[1.0 - u] for u in unlearned]), answers[:, :size])
-    return answers
+        return rows[:-1]
+    answers = [
+        answers_of(posterior.p, posterior.unlearned) if posterior.answers is None else posterior.answers
+        for posterior in case.posteriors
+    ]
+    return np.concatenate(answers).reshape(len(answers), -1)
 
 
 def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:

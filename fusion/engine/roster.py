@@ -34,7 +34,7 @@ from common.config_sections import FusionConfig
 from common.messages import OngoingMovement, PosteriorMessage, VoteState
 from common.probability import Floats, array_of, entropy_bits, normalise, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.aged_posterior import NO_FACETS, NO_RECORD, RosterEntry, faded, freshness_after
+from fusion.engine.aged_posterior import NO_FACETS, NO_RECORD, RosterEntry, answers_of, faded, freshness_after
 from fusion.engine.aged_posterior import POOLED_STATES as POOLED_STATES
 from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
 from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
@@ -76,6 +76,7 @@ class Roster:
     def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
         self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
         self._digest, self._size = vocabulary.digest, vocabulary.size
+        self._neutral = answers_of(self.prior, None)
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int) -> str | None:
         """Take one posterior, captured at `captured_ns` by our clock; returns why it was not used, or None."""
@@ -87,15 +88,16 @@ class Roster:
             state.count_rejected(reason)
             return reason
         last, p = state.message, self._over_our_prior(message)
+        answers = answers_of(p, message.unlearned)
         if last is None or message.session != last.session:
             state.begin_session(message, now_ns, captured_ns)
         else:
             if _sees_person(message):
                 state.visible_ns = captured_ns
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
-            overlap = overlap_of(state.p, last.unlearned, p, message.unlearned)
-            state.steady = after_message(state.steady, overlap, seconds)
-        state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
+            state.steady = after_message(state.steady, overlap_of(state.answers, answers), seconds)
+        state.message, state.p, state.answers = message, p, answers
+        state.captured_ns, state.received_ns = captured_ns, now_ns
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
         state.facets = message.facets or NO_FACETS
@@ -113,7 +115,9 @@ class Roster:
         if seconds <= 0.0 or len(used) < LEAST_VOTES:
             return
         for state, message in used:
-            overlap = (self._size + 1) * float(state.p[label]) * (1.0 - (message.unlearned or 0.0))
+            # One that does not publish "something else" leaves nothing to it.
+            p = state.p if message.unlearned is None else state.answers
+            overlap = (self._size + 1) * p.item(label)
             state.stays = after_decision(state.stays, overlap, seconds)
 
     def reject(self, observer: str, reason: str) -> None:
@@ -190,7 +194,7 @@ class Roster:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record, trust)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            trust, record.correlations, freshness, message.repetitions,
+            trust, record.correlations, freshness, message.repetitions, state.answers,
         )  # fmt: skip
         return fresh if freshness == 1.0 else faded(fresh, self.prior)
 
@@ -207,7 +211,7 @@ class Roster:
         rest = rest if age_s is not None and abs(age_s) <= self._config.drop_s else 1.0
         return AgedPosterior(
             observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, trust, record.correlations,
-            0.0,
+            0.0, answers=self._neutral,
         )  # fmt: skip
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:

@@ -59,6 +59,8 @@ class Segmenter(Conditions):
     def basis_times(self) -> frozenset[int]:
         """The times of the steps on which later verdicts may be based: decisions, and the begin of rest."""
         decision, quiet = self.decision, self._watch.quiet if self.state in RESTING else None
+        if decision is None and quiet is None:
+            return frozenset()
         times = (None if decision is None else decision.decided_ns, None if quiet is None else quiet.since_ns)
         return frozenset([at_ns for at_ns in times if at_ns is not None])
 

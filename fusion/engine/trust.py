@@ -80,12 +80,9 @@ def honest_of(log_odds: float) -> float:
     return observed(HONEST, log_odds)
 
 
-def overlap_of(p: Floats, unlearned: float | None, q: Floats, unlearned_q: float | None) -> float:
-    """R sum a q of two posteriors (M,) with the probability of something else, None if the observer cannot tell."""
-    answers = len(p) + 1
-    u = 1.0 / answers if unlearned is None else unlearned
-    v = 1.0 / answers if unlearned_q is None else unlearned_q
-    return answers * ((1.0 - u) * (1.0 - v) * float(p.dot(q)) + u * v)
+def overlap_of(a: Floats, q: Floats) -> float:
+    """R sum a q of two distributions (R,)."""
+    return len(a) * float(a.dot(q))
 
 
 def after_message(honest: float, overlap: float, seconds: float) -> float:

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.aged_posterior import answers_of
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.trust import (
     BLUR,
@@ -198,8 +199,10 @@ def test_what_most_observers_do_is_no_fault():
 
 def test_overlap_by_the_formula():
     p, q = np.array([0.7, 0.1, 0.1, 0.1]), np.array([0.1, 0.7, 0.1, 0.1])
-    assert overlap_of(p, 0.6, q, 0.8) == pytest.approx(5 * (0.4 * 0.2 * float(p @ q) + 0.6 * 0.8))
-    assert overlap_of(p, None, q, None) == pytest.approx(5 * (0.8**2 * float(p @ q) + 0.2**2))
+    assert overlap_of(answers_of(p, 0.6), answers_of(q, 0.8)) == pytest.approx(
+        5 * (0.4 * 0.2 * float(p @ q) + 0.6 * 0.8)
+    )
+    assert overlap_of(answers_of(p, None), answers_of(q, None)) == pytest.approx(5 * (0.8**2 * float(p @ q) + 0.2**2))
 
 
 @pytest.mark.parametrize(
