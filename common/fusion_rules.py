@@ -12,15 +12,15 @@ RETIRED_RULES = {
 """Rules of earlier versions, and what stands in for them."""
 
 
-def rule_name(name: str) -> str:
+def rule_name(name: str, where: str = "fusion.rule =") -> str:
     """The fusion rule of that name; raises BadInput, one line, for an unknown one.
 
-    robust_inverse_entropy, the default of an earlier version, still stands for the default.
+    robust_inverse_entropy, the default of an earlier version, still stands for the default. where: what has the name.
     """
     if name == "robust_inverse_entropy":
         return DEFAULT_RULE
     if name in RETIRED_RULES:
-        raise BadInput(f"fusion.rule = {name!r}: this rule is gone; use {RETIRED_RULES[name]!r}")
+        raise BadInput(f"{where} {name!r}: this rule is gone; use {RETIRED_RULES[name]!r}")
     if name not in FUSION_RULES:
-        raise BadInput(f"fusion.rule = {name!r}: unknown rule; {nearest(name, FUSION_RULES)}")
+        raise BadInput(f"{where} {name!r}: unknown rule; {nearest(name, FUSION_RULES)}")
     return name

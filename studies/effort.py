@@ -112,7 +112,7 @@ def judge_poles(
 
     Raises BadInput for an archive without Effort levels or with a single action, and for an unknown rule.
     """
-    pool, rate_hz = get_rule(rule).pool, common_rate(archive)
+    pool, rate_hz = get_rule(rule, "--rule").pool, common_rate(archive)
     names = tuple(view.name for view in views)
     check_names(names)
     whole = {view.name: effort_examples(archive, view) for view in views}

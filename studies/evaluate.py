@@ -101,7 +101,7 @@ def evaluate(
 
 def require_fits(settings: EvaluationSettings) -> None:
     """Raise BadInput for an unknown rule, and for two views of one name."""
-    get_rule(settings.rule)
+    get_rule(settings.rule, "--rule")
     check_names([view.name for view in settings.views])
 
 
@@ -170,7 +170,7 @@ def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> 
 
 
 def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
-    rule, prior = get_rule(settings.rule), uniform(result.views.shape[2])
+    rule, prior = get_rule(settings.rule, "--rule"), uniform(result.views.shape[2])
     trusts = _steady_trusts(result)
     cases = [
         PoolingCase(rule, _votes(result, n, trusts[n]), prior, settings.temperature) for n in range(len(result.views))

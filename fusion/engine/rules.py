@@ -142,6 +142,6 @@ RULES = {
 }
 
 
-def get_rule(name: str) -> Rule:
-    """The rule of that name; raises BadInput for an unknown one."""
-    return RULES[rule_name(name)]
+def get_rule(name: str, where: str = "fusion.rule =") -> Rule:
+    """The rule of that name; raises BadInput for an unknown one. where: what has the name."""
+    return RULES[rule_name(name, where)]

@@ -151,7 +151,9 @@ def as_text(result: ReplayResult, name: str, complete: bool) -> str:
     head = ["began", "lasted", "recorded", "agreed", change or "judged again", "agreed", "stands" if change else "same"]
     cells = [_cells(row, result) for row in result.rows]
     table = _aligned([head, *cells]) if cells else "no verdicts, neither recorded nor judged again"
-    return "\n".join([_title(result, name, complete), "", table, "", *_counts(result)])
+    gone = result.change.gone
+    rule = f"; its rule {gone!r} is gone, {result.change.rule!r} judges in its place" if gone else ""
+    return "\n".join([_title(result, name, complete) + rule, "", table, "", *_counts(result)])
 
 
 def as_json(result: ReplayResult, name: str, complete: bool) -> dict[str, Any]:
@@ -164,7 +166,7 @@ def as_json(result: ReplayResult, name: str, complete: bool) -> dict[str, Any]:
         "from": result.source,
         "change": {
             "without": list(change.without), "rule": change.rule, "quorum": change.quorum,
-            "threshold": change.threshold,
+            "threshold": change.threshold, "gone": change.gone,
         },
         "judgements": {"recorded": result.judgements, "same": result.same, "missing": result.missing},
         "verdicts": [_row_as_json(row) for row in result.rows],

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
+from common.fusion_rules import DEFAULT_RULE, RETIRED_RULES, rule_name
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage, Vote
 from common.probability import Floats, uniform
 from common.text import plural
@@ -29,12 +30,16 @@ Vocabularies = Mapping[str, Vocabulary]
 
 @dataclass(frozen=True, slots=True)
 class ReplayChange:
-    """What differs from the recorded run: observers left out, another rule, quorum or threshold; None: as recorded."""
+    """What differs from the recorded run: observers left out, another rule, quorum or threshold; None: as recorded.
+
+    gone: the recorded rule, if it does not exist any more.
+    """
 
     without: tuple[str, ...] = ()
     rule: str | None = None
     quorum: int | None = None
     threshold: float | None = None
+    gone: str | None = None
 
     @property
     def any(self) -> bool:
@@ -45,6 +50,10 @@ class ReplayChange:
         """The observers that are not left out, in their order."""
         return tuple(observer for observer in observers if observer not in self.without)
 
+    def in_place_of(self, recorded: str) -> "ReplayChange":
+        """The change that also takes the default rule in place of a recorded rule that is gone."""
+        return replace(self, rule=DEFAULT_RULE, gone=recorded) if not self.rule and recorded in RETIRED_RULES else self
+
     def config(self, fusion: "FusionConfig", observers: int) -> "FusionConfig":
         """The changed settings; the quorum is at most the number of remaining observers."""
         quorum = min(self.quorum or fusion.quorum, observers)
@@ -54,6 +63,8 @@ class ReplayChange:
     def check(self, roster: Iterable[str]) -> None:
         """Raises BadInput for an observer that is not in the scene, and when too few observers remain."""
         known = tuple(roster)
+        if self.rule is not None:
+            rule_name(self.rule, "--rule")
         for observer in self.without:
             if observer not in known:
                 raise BadInput(f"--without {observer}: not in the scene; known: {', '.join(known)}")
@@ -92,6 +103,13 @@ class JudgementReplay:
     def set_verdict(self, verdict: VerdictMessage) -> None:
         """Take note of a recorded verdict: a movement under way may end with its votes."""
         self._verdict = verdict
+
+    def set_times(self, published: Vocabulary) -> None:
+        """Take the durations of movements that the service has published."""
+        digest, engine = published.digest, self._engine
+        self._vocabularies = {**self._vocabularies, digest: published}
+        if engine is not None and engine.vocabulary.digest == digest:
+            engine.take_times(replace(engine.vocabulary, movements=published.movements))
 
     def set_gone(self, fusion: str) -> None:
         """Take note that a fusion service ended; if it publishes again, it was restarted."""

@@ -54,6 +54,7 @@ def judge_again(
     """
     change.check(capture.scene.roster)
     summary = _summarise(capture)
+    change = change.in_place_of(summary.rule or capture.scene.fusion.rule)
     # Short votes are not exact; they are better than nothing.
     exact = summary.judgements and (summary.full or not summary.posteriors)
     chosen = source or ("judgements" if exact else "posteriors")
@@ -83,7 +84,7 @@ def judge_again(
 @dataclass(slots=True)
 class _CaptureSummary:
     """The contents of a capture. after_last: verdicts that follow the last judgement. full: whether all that is in the
-    judgements is known: that there are some with full votes, or none with short ones.
+    judgements is known: that there are some with full votes, or none with short ones. rule: of the first judgement.
     """
 
     vocabularies: dict[str, Vocabulary] = field(default_factory=dict)
@@ -92,6 +93,7 @@ class _CaptureSummary:
     judgements: int = 0
     posteriors: int = 0
     after_last: int = 0
+    rule: str = ""
     full: bool = True
     began_ns: int = 0
     ended_ns: int = 0
@@ -108,22 +110,24 @@ class _Replayed:
 
 def _summarise(capture: "CaptureFile") -> _CaptureSummary:
     keys, summary, has_votes = capture.scene.keys, _CaptureSummary(), False
-    published: dict[str, Vocabulary] = {}
+    judged: dict[str, Vocabulary] = {}
     last = deque[bytes](maxlen=VERDICTS_REPEATED)
     for record in capture.records():
         summary.records += 1
         summary.began_ns = summary.began_ns or record.arrived_ns
         summary.ended_ns = max(summary.ended_ns, record.arrived_ns)
         if record.key == keys.vocabulary and (message := _decoded(VocabularyMessage, record)):
-            # Answers are those of observers too, which may know other durations of the same movements.
-            published |= _vocabularies(message) if record.kind == "put" else {}
-            summary.vocabularies |= _vocabularies(message) | published
+            # Answers are those of observers too, which may know other durations than those that are judged with first.
+            is_judged = record.kind == "put" or message.fusion is not None
+            judged = _vocabularies(message) | judged if is_judged else judged
+            summary.vocabularies |= _vocabularies(message) | judged
         elif record.kind == "put":
             if record.key == keys.judgement:
                 summary.judgements, summary.after_last = summary.judgements + 1, 0
                 # One is enough to know, and to decode all takes long.
                 judgement = _decoded(JudgementMessage, record) if summary.full else None
                 summary.full = summary.full and not (judgement and is_short(judgement))
+                summary.rule = summary.rule or (judgement.rule if judgement else "")
             has_votes = has_votes or record.key == keys.votes
             summary.posteriors += record.key.endswith("/posterior")
             # A verdict that is sent again, because it may have been lost, is no second one.
@@ -157,6 +161,9 @@ def _from_judgements(
             number += 1
             if number % EVERY == 0:
                 progress("judging again", number, summary.judgements)
+        elif record.kind == "put" and record.key == keys.vocabulary:
+            if (message := _decoded(VocabularyMessage, record)) is not None:
+                replay.set_times(message.vocabulary)
         elif record.key == keys.verdict and (verdict := _decoded(VerdictMessage, record)):
             replay.set_verdict(verdict)
         elif record.kind == "token" and record.payload == GONE and record.key.startswith(f"{keys.root}/fusion/"):

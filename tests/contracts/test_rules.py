@@ -89,3 +89,5 @@ def test_of_a_rule_that_is_gone_the_error_names_another_and_the_earlier_default_
     assert get_rule("robust_inverse_entropy").name == DEFAULT_RULE
     with pytest.raises(BadInput, match=r"fusion\.rule = 'median': this rule is gone; use 'log'"):
         get_rule("median")
+    with pytest.raises(BadInput, match=r"--rule 'iest': this rule is gone; use 'inverse_entropy'"):
+        get_rule("iest", "--rule")

@@ -5,6 +5,7 @@ import re
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -30,8 +31,9 @@ from replay_stage import (
 import labanmesh
 from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
+from common.message_types import MovementTimes
 from common.messages import Facing, JudgementMessage, VerdictMessage
-from common.wire import decode, encode
+from common.wire import decode, encode, encode_vocabulary
 from fusion.engine.verdicts import CONTESTED_REST
 from studies.fusion_engine import FusionEngine, step
 from studies.replay.comparison import VerdictRecord, as_json, as_text, compare_verdicts
@@ -299,12 +301,45 @@ def test_other_rule_quorum_and_threshold(write, records):
         ({"without": ("left",)}, "--without left: not in the scene; known: door, corner, wheel"),
         ({"without": OBSERVERS}, "no observer would be left"),
         ({"without": ("door",), "quorum": 3}, "--quorum 3: only 2 observers"),
-        ({"rule": "lag"}, "'lag': unknown rule; did you mean '?log"),
+        ({"rule": "lag"}, "--rule 'lag': unknown rule; did you mean '?log"),
+        ({"rule": "iest"}, "--rule 'iest': this rule is gone; use 'inverse_entropy'"),
     ],
 )
 def test_impossible_changes_are_rejected(write, records, changes, error):
     with pytest.raises(BadInput, match=error):
         judge_again(write(records), ReplayChange(**changes))
+
+
+@pytest.mark.parametrize("source", ["judgements", "posteriors"])
+def test_the_default_rule_judges_a_capture_of_a_rule_that_is_gone_and_says_so(write, records, source):
+    scene = a_scene(rule="iest")
+    old = [
+        replace(
+            record,
+            payload=encode(decode(JudgementMessage, record.payload).model_copy(update={"rule": "iest"}), full=True),
+        )
+        if record.key == f"{ROOT}/judgement"
+        else record
+        for record in records
+    ]
+    result = judge_again(write(old, scene), ReplayChange(), source)
+    assert labels(result) == labels(judge_again(write(records), ReplayChange(), source)) and result.faithful
+    first = as_text(result, "a.mcap", True).splitlines()[1]
+    assert first == f"judged again from its {source}; its rule 'iest' is gone, 'guarded_product' judges in its place"
+    assert as_json(result, "a.mcap", True)["change"]["gone"] == "iest"
+    assert judge_again(write(old, scene), ReplayChange(rule="log"), source).change.gone is None
+
+
+def test_durations_that_the_service_took_while_it_ran_are_taken_at_the_same_step(write):
+    play = [(0.5, 1.5, dict.fromkeys(OBSERVERS, "bowing")), (0.7, 1.0, dict.fromkeys(OBSERVERS, "bowing"))]
+    played, engine, records = steps([*play, *play, (1.5, 0.0, {})]), new_engine(a_scene()), []
+    times = replace(NAMES, movements={"bowing": MovementTimes(rest_s=1.0, period_s=0.5)})
+    for vocabulary, part in ((NAMES, played[:40]), (times, played[40:])):
+        engine.take_times(vocabulary)
+        own = CaptureRecord("put", f"{ROOT}/vocabulary", encode_vocabulary("dojo", vocabulary, "fusion"), part[0][0])
+        records = recorded(a_scene(), part, engine, [*records, own])
+    result = judge_again(write(records), ReplayChange())
+    assert result.faithful and result.same == result.judgements and labels(result) == ["bowing"] * 3
 
 
 def test_captures_that_cannot_be_judged_are_errors(write, records):
