@@ -21,7 +21,7 @@ from common import SECOND_NS
 from common.config import Scene
 from common.files import open_private, read_text
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
-from fusion.engine.reliability import Reliability
+from fusion.engine.trust import Reliability
 
 log = logging.getLogger("labanmesh.fusion")
 NOTHING_LEARNED = Reliability()

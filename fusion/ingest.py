@@ -11,7 +11,6 @@ from common.messages import ObserverStatistics, PosteriorMessage
 from common.status import ProcessStatus
 from common.wire import BadMessage, decode_from
 from fusion.engine.engine import FusionEngine
-from fusion.vocabulary_change import ObservedVocabularies
 
 log = logging.getLogger("labanmesh.fusion")
 SENDERS_LIMIT = 256
@@ -70,7 +69,6 @@ class PosteriorIngest:
         self._engine, self._status, self._clock = engine, status, clock
         self._rejections = RejectionLog()
         self._roster = frozenset(engine.rejected)
-        self.vocabularies = ObservedVocabularies(self._roster)
 
     def take(self, *arrivals: Arrival) -> None:
         """Take messages; a bad one is counted and dropped, never raised."""
@@ -88,7 +86,6 @@ class PosteriorIngest:
                 self._log(observer, error.reason, error.detail, now_ns)
                 continue
             reason = self._engine.receive(observer, message, now_ns)
-            self.vocabularies.note(observer, message.vocabulary.hash, now_ns)
             if reason is None:
                 frames.append(message.captured_ns)
             else:

@@ -7,7 +7,7 @@
 3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
    scene. A query of a listener changes nothing.
 4. A scene that names no vocabulary asks its observers for theirs, again as soon as another appears, until one answers.
-   Later the owner changes to the vocabulary in which most observers publish (fusion/vocabulary_change.py), and the
+   Later the owner changes to the vocabulary in which most observers publish (roster.py), and the
    other services follow the owner. In every scene the durations of movements are those that the observers agree on.
 """
 

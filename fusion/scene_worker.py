@@ -151,9 +151,7 @@ class SceneWorker:
         if self.present.alive is not self._alive:
             # After the posteriors: a last one must not bring back an observer that has gone.
             self._alive = self.present.alive
-            present = frozenset(map(observer_of, self._alive))
-            self._engine.set_present(present)
-            self._ingest.vocabularies.set_present(present)
+            self._engine.set_present(frozenset(map(observer_of, self._alive)))
         if not self.fuses:
             return StepInput(len(arrivals), len(read))
         now_ns = self._clock()
@@ -237,7 +235,7 @@ class SceneWorker:
     @property
     def observed_vocabulary(self) -> str | None:
         """The hash of the vocabulary in which most observers publish; None if there is no majority."""
-        return self._ingest.vocabularies.majority(self._clock())
+        return self._engine.observed_vocabulary(self._clock())
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Fuse posteriors in `vocabulary` from now on; the owner ends a decided movement first, and publishes the new

@@ -44,7 +44,7 @@ class AgedPosterior:
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
-    labels and its course (trust.py). correlations: with other observers, learned from verdicts (reliability.py).
+    labels and its course (trust.py). correlations: with other observers, learned from verdicts (trust.py).
     freshness: k of rules 3 and 7, 0 to 1. repetitions: as published. answers: `answers_of` it, if it is known.
     """
 
@@ -80,8 +80,9 @@ class RosterEntry:
     p, answers, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel; stays:
     of its labels, by what it says after decisions (trust.py). session_ns: when its session began here. captured_ns,
     received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part. fault: the vote
-    state after an unusable message; None after a usable one. gone: the process disappeared after its last message. All
-    times by our clock, Unix epoch.
+    state after an unusable message; None after a usable one. gone: the process disappeared after its last usable one.
+    published: the hash of the vocabulary of its newest message, usable or not, and when that arrived; None without one,
+    or if the process disappeared since. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
@@ -98,6 +99,7 @@ class RosterEntry:
     received_ns: int = 0
     visible_ns: int = 0
     gone: bool = False
+    published: tuple[str, int] | None = None
     fault: VoteState | None = None
     rejected: Counter[str] = field(default_factory=Counter)
 

@@ -15,12 +15,12 @@ from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
-from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
+from fusion.engine.trust import Reliability, learn_from_verdict
 from fusion.engine.verdicts import (
     NO_BASES,
     LastObserved,
@@ -46,7 +46,8 @@ class EngineOutput:
 class FusionEngine:
     """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule.
 
-    epoch: of the service that owns the scene, and session, random per process, are written into each message.
+    epoch: of the service that owns the scene, and session, random per process, are written into each message. reject,
+    set_present and observed_vocabulary are those of the roster.
     """
 
     def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
@@ -56,6 +57,8 @@ class FusionEngine:
         self._scene, self._config = scene, config
         self._rule = get_rule(config.rule)
         self._roster = Roster(observers, vocabulary, config)
+        self.reject, self.set_present = self._roster.reject, self._roster.set_present
+        self.observed_vocabulary = self._roster.majority
         self._clocks = Clocks(observers)
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
@@ -94,14 +97,6 @@ class FusionEngine:
         if (reason := self._roster.receive(observer, message, now_ns, captured_ns)) is None:
             self._clocks.record_message(observer, message)
         return reason
-
-    def reject(self, observer: str, reason: str) -> None:
-        """Count a message that could not be read."""
-        self._roster.reject(observer, reason)
-
-    def set_present(self, observers: frozenset[str]) -> None:
-        """Record which observers are present on the mesh."""
-        self._roster.set_present(observers)
 
     def record_clock(self, observer: str, reading: ClockReading) -> None:
         """Take a reading of an observer's clock."""
@@ -155,7 +150,7 @@ class FusionEngine:
         pooled = pooled or pool_steps([self._case(posteriors, now_ns)])[0]
         if pooled.facets is not None:
             self._facets, self._facets_ns = published_facets(pooled.facets), now_ns
-        rest = self._rest.update(posteriors, now_ns)
+        rest = self._rest.pool(posteriors, now_ns)
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)

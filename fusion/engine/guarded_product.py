@@ -15,7 +15,7 @@ nothing to do with the movement, and is left out. The result is the average over
    surely the surer it and they are. Two that differ can only doubt each other, so doubt needs three that participate.
 2. w_ih = t_i / (1 + sum_j rho_ji) over the others j that h believes. t is the trust (trust.py). rho
    is the correlation: near 1 for posteriors that are the same, unless both are certain, or learned from verdicts
-   (reliability.py), the latter in proportion to the participation of j.
+   (trust.py), the latter in proportion to the participation of j.
 3. W_h = (D0^2 + (sum_i w_ih D_i)^2) / (D0^2 + sum_i w_ih D_i^2), with D the divergence from the prior and D0 =
    PARTICIPATION_BITS: the effective number of observers, N if all say as much, 1 if one says nearly everything. Several
    views of one person are not independent, and with GAMMA they are right as often as they claim. W below 1 counts as 1.

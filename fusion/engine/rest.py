@@ -3,18 +3,50 @@
 The design: fusion.md, "Who may say that the person rests".
 
 1. The pooled rest is the median over the observers whose posterior is pooled, each weighted by its freshness and by the
-   trust in its rest probability (rest_trust.py). The rule's weights play no part: an observer that cannot tell two
-   movements apart still sees that the person moves.
+   trust in its rest. The rule's weights play no part: an observer that cannot tell two movements apart still sees that
+   the person moves.
 2. If two contradict each other and nothing shows which of them is wrong, the pooled rest stays as it was until they
    agree, so that no movement is cut into pieces.
 3. If no posterior is pooled, the last rest probabilities of observers that disappeared lately are used, because the
    network may have failed. If none is left, the pooled rest is 1.
+
+The trust in each observer's rest probability is the channel `rest` of trust.py:
+
+4. What the others say is the sum of their log odds for rest, each as far as it is honest; one that has changed sides
+   less than STAYED_S ago says nothing. OBSERVATION_S of it are one observation of (1) in trust.py. So two that
+   contradict each other lose alike.
+5. An observer that has not changed sides for STUCK_S, or never, says the same whatever happens: to agree is then no
+   merit, and each second in which it contradicts the others is an observation.
+6. One that changes sides more often than people do, and than most of the others, contradicts itself with each change.
+7. A posterior is cumulative, and learns while the person moves. What it learns while the observer says that the person
+   rests is against its course, the rest is for it. Of two that contradict each other, one is likely to be faulty, and
+   their courses show which.
+8. Trust is P(honest) over that of the most trusted.
+
+Frames may come late or seldom. Observers are compared as of the capture of the oldest newest frame; between two frames
+on different sides an observer may have been on either, and is not compared.
 """
 
+import math
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
-from fusion.engine.rest_trust import RestTrust
+from common import SECOND_NS
+from common.message_types import CONTRADICTED
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.trust import (
+    BLUR,
+    CONTRADICTS,
+    HONEST,
+    LEAST,
+    OBSERVATION_S,
+    TRUSTED,
+    log_odds_of,
+    nats_of,
+    observed,
+    returned,
+)
 
 LEAST_FRESHNESS = 1e-9
 """An observer whose posterior is less fresh is left out."""
@@ -22,31 +54,197 @@ LEAST_SHARE = 0.1
 """An observer with a smaller weight than this share of the largest is left out."""
 CLEAR = 0.25
 """Two that contradict each other have agreed again when the pooled rest is no further from 0 or 1."""
+SIGHTED = 0.2
+"""The least freshness of an observer that is compared: without a frame for a second it is not."""
+STUCK_S = 4.0
+"""Seconds; the movements of recorded people and the rest between them last 1 to 3.5 s."""
+STAYED_S = 0.3
+"""Seconds; where one observer takes a turn of a movement for rest, it does so for .1 to .3 s."""
+CHANGES_S, CHANGES_LIMIT = 12.0, 20.0
+"""Changes of side are counted with this memory in seconds. Observers of recorded people reach 18.6, one that changes
+with each of two frames a second 24."""
+OFTENER = 1.5
+"""Beside others that change sides often, as those of a person who moves in fits and starts, so many times as often."""
+GAIN = 2.0
+"""Observations that the information about one movement counts as; with 4, honest observers are named at .5 and 1 Hz."""
+CHANGES_KEPT = 64
+"""Changes of side that are remembered, for comparisons up to two seconds ago at 30 Hz."""
+REFRESH_S = 0.25
+"""While no observer changes sides, trust is computed anew at this interval."""
 
 
-class RestPool:
-    """The pooled rest over time; `update` takes one step."""
+@dataclass(slots=True)
+class _Voter:
+    """One observer: its newest rest probability and side, and when it changed sides, newest last, by capture.
+
+    information: of its posterior. before_ns: the frame before each change. changes: a decaying count. honest, course:
+    P(honest) by comparison with others, and by its own course (7). trust: the result.
+    """
+
+    rest: float
+    information: float
+    captured_ns: int
+    rests: bool = True
+    changed_ns: list[int] = field(default_factory=list)
+    before_ns: list[int] = field(default_factory=list)
+    changes: float = 0.0
+    has_changed: bool = False
+    honest: float = HONEST
+    course: float = HONEST
+    trust: float = 1.0
+
+    def __post_init__(self) -> None:
+        self.rests = self.rest >= 0.5
+
+    def note(self, posterior: AgedPosterior, now_ns: int) -> None:
+        """Take its newest posterior."""
+        last_ns, least = self.captured_ns, min(posterior.rest, self.rest)
+        self.captured_ns, self.rest = _captured_ns(posterior, now_ns), posterior.rest
+        self.has_changed = (posterior.rest >= 0.5) != self.rests
+        if self.has_changed:
+            idle_s = (self.captured_ns - self.changed_ns[-1]) / SECOND_NS if self.changed_ns else 0.0
+            self.rests, self.changes = not self.rests, self.changes * math.exp(-max(idle_s, 0.0) / CHANGES_S) + 1.0
+            self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
+            self.before_ns = [*self.before_ns[1 - CHANGES_KEPT :], last_ns]
+        gain, self.information = posterior.information - self.information, posterior.information
+        if gain > 0.0:
+            # Between two frames it may have learned on either side.
+            self.course = observed(returned(self.course, gain), GAIN * gain * nats_of(2.0 * (1.0 - least)))
+
+    def rest_at(self, at_ns: int) -> float | None:
+        """Its rest probability then; None between two frames on different sides, when it may have been on either.
+
+        Of an earlier side only the side is kept.
+        """
+        after = bisect_right(self.changed_ns, at_ns)
+        changes = len(self.changed_ns) - after
+        if changes and self.before_ns[after] < at_ns:
+            return None
+        return self.rest if changes == 0 else float(self.rests != (changes % 2 == 1))
+
+    def log_odds(self, rest: float, at_ns: int) -> float:
+        """Nats for rest if it says so then, as far as it is honest (4); 0 if it has just changed sides."""
+        before = bisect_right(self.changed_ns, at_ns)
+        if before and at_ns - self.changed_ns[before - 1] < STAYED_S * SECOND_NS:
+            return 0.0
+        honest = (1.0 - BLUR) * self.honest
+        p = honest * rest + (1.0 - honest) / 2.0
+        return math.log(p / (1.0 - p))
+
+    def compare(self, rest: float, others: float, at_ns: int, seconds: float) -> None:
+        """Take its rest probability beside what the others say, nats for rest, for so long."""
+        is_stuck = not self.changed_ns or at_ns - self.changed_ns[-1] > STUCK_S * SECOND_NS
+        q = 1.0 / (1.0 + math.exp(-others))
+        nats = nats_of(2.0 * (rest * q + (1.0 - rest) * (1.0 - q)))
+        share = seconds / OBSERVATION_S
+        if not is_stuck:
+            self.observe(nats * share, share)
+        elif nats < 0.0:
+            self.observe(nats * seconds, share)
+
+    def observe(self, nats: float, observations: float) -> None:
+        """Take observations of so many nats in all."""
+        self.honest = observed(returned(self.honest, observations), nats)
+
+
+class RestTrust:
+    """The trust in each observer's rest probability; `update` takes one step."""
 
     def __init__(self) -> None:
-        self.trust: Sequence[float] = ()
-        """The trust in each observer's rest probability, in the order of the posteriors of the last step."""
-        self._trust = RestTrust()
+        self.contested = False
+        """Whether two observers contradict each other, and nothing shows which of them is wrong."""
+        self.reliability: Mapping[str, float] = {}
+        """The trust, of those below TRUSTED."""
+        self._voters: dict[str, _Voter] = {}
+        self._sides: list[bool | None] = []
+        self._trust: list[float] = []
+        self._now_ns = self._at_ns = 0
+
+    def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
+        """The trust in each posterior of this step, LEAST to 1."""
+        sides = [posterior.rest >= 0.5 if _is_sighted(posterior) else None for posterior in posteriors]
+        elapsed_ns = now_ns - self._now_ns
+        if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
+            return self._trust
+        if elapsed_ns < 0:
+            self._voters.clear()
+            self._at_ns = 0
+        self._now_ns, self._sides = now_ns, sides
+        sighted = [
+            self._noted(posterior, now_ns)
+            for posterior, side in zip(posteriors, sides, strict=True)
+            if side is not None
+        ]
+        if len(sighted) > 1:
+            self._compare(sighted)
+        self._trust_in(sighted)
+        self.reliability = {name: voter.trust for name, voter in self._voters.items() if voter.trust < 1.0}
+        voters = [self._voters.get(posterior.observer) for posterior in posteriors]
+        self._trust = [1.0 if voter is None else voter.trust for voter in voters]
+        return self._trust
+
+    def _trust_in(self, sighted: Sequence[_Voter]) -> None:
+        """Compute the trust in each (8), and whether rest is contested."""
+        self.contested = False
+        if len(sighted) < 2:
+            return
+        believed = [voter.honest for voter in sighted] if len(sighted) > 2 else _apart(sighted[0], sighted[1])
+        largest = max(believed)
+        for voter, honest in zip(sighted, believed, strict=True):
+            is_full = honest >= TRUSTED * min(largest, HONEST)
+            voter.trust = 1.0 if is_full else max(round(honest / largest, 3), LEAST)
+        if len(sighted) == 2:
+            both = sighted[0].honest * sighted[1].honest
+            self.contested = both < 0.5 and min(voter.trust for voter in sighted) >= CONTRADICTED
+
+    def _noted(self, posterior: AgedPosterior, now_ns: int) -> _Voter:
+        name = posterior.observer
+        if name not in self._voters:
+            self._voters[name] = _Voter(posterior.rest, posterior.information, _captured_ns(posterior, now_ns))
+        self._voters[name].note(posterior, now_ns)
+        return self._voters[name]
+
+    def _compare(self, voters: Sequence[_Voter]) -> None:
+        """Compare what each says with what the others say since the last update (4, 5)."""
+        at_ns, self._at_ns = self._at_ns, min(voter.captured_ns for voter in voters)
+        seconds = min(max((self._at_ns - at_ns) / SECOND_NS, 0.0), 1.0)
+        rests = [(voter, rest) for voter in voters if (rest := voter.rest_at(at_ns)) is not None]
+        nats = [voter.log_odds(rest, at_ns) for voter, rest in rests]
+        total, changes = sum(nats), [voter.changes for voter, _ in rests]
+        for n, ((voter, rest), own) in enumerate(zip(rests, nats, strict=True)):
+            voter.compare(rest, total - own, at_ns, seconds)
+            others = sorted(changes[:n] + changes[n + 1 :]) or [0.0]
+            if voter.has_changed and voter.changes > max(CHANGES_LIMIT, OFTENER * others[(len(others) - 1) // 2]):
+                voter.observe(CONTRADICTS, 0.0)
+
+
+def _apart(one: _Voter, two: _Voter) -> tuple[float, float]:
+    """P(honest) of two: if one of them is faulty, their courses show which (7)."""
+    both, none = one.honest * two.honest, (1.0 - one.honest) * (1.0 - two.honest)
+    factor = math.exp((1.0 - both) * (log_odds_of(one.course) - log_odds_of(two.course)))
+    first, second = one.honest * (1.0 - two.honest) * factor, two.honest * (1.0 - one.honest) / factor
+    total = both + none + first + second
+    return (both + first) / total, (both + second) / total
+
+
+def _captured_ns(posterior: AgedPosterior, now_ns: int) -> int:
+    return now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
+
+
+def _is_sighted(posterior: AgedPosterior) -> bool:
+    return posterior.state in POOLED_STATES and posterior.freshness >= SIGHTED
+
+
+class RestPool(RestTrust):
+    """The pooled rest over time; `pool` takes one step."""
+
+    def __init__(self) -> None:
+        super().__init__()
         self._last = 1.0
 
-    @property
-    def reliability(self) -> Mapping[str, float]:
-        """The reliability about rest, 0 to 1, of each observer that lately lost trust."""
-        return self._trust.reliability
-
-    @property
-    def contested(self) -> bool:
-        """Whether two observers contradict each other, and nothing shows which of them is wrong."""
-        return self._trust.contested
-
-    def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> float:
+    def pool(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> float:
         """The probability that the person is at rest."""
-        self.trust = self._trust.update(posteriors, now_ns)
-        rest = pooled_rest(posteriors, self.trust)
+        rest = pooled_rest(posteriors, self.update(posteriors, now_ns))
         if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR:
             self._last = rest
         return self._last

@@ -21,6 +21,11 @@ The design: fusion.md, "The roster".
    visible body part restores it. Both k multiply.
 8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
    One older than `drop_s`, as from a capture that is played again, neither replaces a newer one nor keeps one away.
+9. A scene whose file names its vocabulary is fused in that one for ever. Any other is fused in the vocabulary in which
+   more than half of its observers publish; while none has a majority, in the one before. So a single observer with
+   another model changes nothing, and observers that were taught together take the fusion service with them. One counts
+   until its process disappears, or has published nothing for SAY_S. Only the owner of the scene decides so; a standby
+   service follows it (fusion/membership.py).
 """
 
 import math
@@ -47,6 +52,8 @@ from fusion.engine.trust import (
     published_trust,
 )
 
+SAY_S = 2.0
+"""An observer that has published nothing for this long has no say about the vocabulary (rule 9)."""
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -71,7 +78,7 @@ class Roster:
         """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
         self._set_vocabulary(vocabulary)
         for observer, state in self._states.items():
-            self._states[observer] = RosterEntry(gone=state.gone, rejected=state.rejected)
+            self._states[observer] = RosterEntry(gone=state.gone, published=state.published, rejected=state.rejected)
 
     def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
         self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
@@ -83,6 +90,7 @@ class Roster:
         state = self._states.get(observer)
         if state is None:
             return "unknown_observer"
+        state.published = message.vocabulary.hash, now_ns
         reason = self._rejection(state, message, captured_ns, now_ns)
         if reason is not None:
             state.count_rejected(reason)
@@ -129,8 +137,18 @@ class Roster:
         """Record which observers are present on the mesh. One that was never announced still counts."""
         for observer in (self._present - observers) & self._states.keys():
             # The message stays, so that a copy of it does not bring its observer back.
-            self._states[observer].gone, self._states[observer].fault = True, None
+            state = self._states[observer]
+            state.gone, state.fault, state.published = True, None, None
         self._present = observers
+
+    def majority(self, now_ns: int) -> str | None:
+        """The hash of the vocabulary in which most observers publish (rule 9); None if there is no majority."""
+        published = [state.published for state in self._states.values() if state.published is not None]
+        counts = Counter(digest for digest, at_ns in published if abs(now_ns - at_ns) <= SAY_S * SECOND_NS)
+        if not counts:
+            return None
+        digest, votes = counts.most_common(1)[0]
+        return digest if 2 * votes > counts.total() else None
 
     def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""

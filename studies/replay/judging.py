@@ -26,7 +26,7 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, decode_from, encode
-from studies.fusion_engine import EngineOutput, FusionEngine, ObservedVocabularies
+from studies.fusion_engine import EngineOutput, FusionEngine
 from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
 from studies.replay.from_judgements import Gap, JudgementReplay, ReplayChange, Vocabularies, vocabulary_of
 
@@ -212,16 +212,14 @@ def replay_posteriors(
     for group, now_ns in _groups(records, ingest.is_relevant, round(SECOND_NS / config.step_hz), quiet_ns):
         for record in group:
             ingest.add(record, now_ns)
-        ended = [] if scene.named_vocabulary is not None else _follow(engine, ingest.vocabularies, known, now_ns)
+        ended = [] if scene.named_vocabulary is not None else _follow(engine, known, now_ns)
         output = engine.step(now_ns)
         yield EngineOutput(output.judgement, [*ended, *output.verdicts]) if ended else output
 
 
-def _follow(
-    engine: FusionEngine, vocabularies: ObservedVocabularies, known: Vocabularies, now_ns: int
-) -> Sequence[VerdictMessage]:
+def _follow(engine: FusionEngine, known: Vocabularies, now_ns: int) -> Sequence[VerdictMessage]:
     """Change to the vocabulary in which most observers publish, as the fusion service did; the verdicts that ended."""
-    digest = vocabularies.majority(now_ns)
+    digest = engine.observed_vocabulary(now_ns)
     if digest is None or digest == engine.vocabulary.digest or digest not in known:
         return ()
     return engine.change_vocabulary(replace(vocabulary_of(digest, known), name=engine.vocabulary.name), now_ns)
@@ -233,7 +231,6 @@ class _CaptureIngest:
     def __init__(self, keys: SceneKeys, engine: FusionEngine) -> None:
         self._keys, self._engine = keys, engine
         self._alive: frozenset[str] = frozenset()
-        self.vocabularies = ObservedVocabularies(engine.rejected)
 
     def is_relevant(self, record: CaptureRecord) -> bool:
         """Whether the record is a message or the liveliness token of an observer."""
@@ -249,11 +246,9 @@ class _CaptureIngest:
                 ids = frozenset({observer})
                 self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
                 self._engine.set_present(self._alive)
-                self.vocabularies.set_present(self._alive)
             elif suffix == "posterior":
                 message = decode_from(record.key, PosteriorMessage, record.payload)
                 self._engine.receive(observer, message, now_ns)
-                self.vocabularies.note(observer, message.vocabulary.hash, now_ns)
             elif suffix == "status":
                 self._read_clock(observer, decode(StatusMessage, record.payload), record.arrived_ns)
         except BadMessage as error:

@@ -11,7 +11,7 @@ from common.messages import OngoingMovement, VerdictMessage
 from common.vocabulary import Vocabulary
 from fusion.checkpoint import FILE_LIMIT, Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
-from fusion.engine.reliability import Reliability
+from fusion.engine.trust import Reliability
 
 NAMES = Vocabulary(("bow", "lunge"))
 LEARNED = Reliability({"cam1 cam2": 12.0}, {"cam1 cam2": 0.1}, "dojo-7", {"cam1": -4.0})

@@ -3,11 +3,35 @@
 import pytest
 
 from common import SECOND_NS
+from common.config_sections import FusionConfig
 from common.message_types import MovementTimes
+from common.messages import PosteriorMessage, VocabularyHash
 from common.vocabulary import Vocabulary
-from fusion.vocabulary_change import ObservedVocabularies, agreed_times
+from fusion.engine.roster import Roster
+from fusion.standby import agreed_times
 
 NOW_NS = 1_000 * SECOND_NS
+
+
+class Published:
+    """A roster that takes posteriors in the vocabularies "a", "b", ..., of which it knows none."""
+
+    def __init__(self, observers):
+        self.roster, self.seq = (
+            Roster([f"cam{n}" for n in range(1, observers + 1)], Vocabulary(("x", "y")), FusionConfig()),
+            0,
+        )
+
+    def __call__(self, observer, digest, at_ns=NOW_NS):
+        self.seq += 1
+        message = PosteriorMessage(
+            v=2, seq=self.seq, session="s", captured_ns=at_ns, sent_ns=at_ns, vocabulary=VocabularyHash(hash=digest),
+            p=[0.5, 0.5], frames=1,
+        )  # fmt: skip
+        self.roster.receive(observer, message, at_ns, at_ns)
+
+    def majority(self, at_ns=NOW_NS):
+        return self.roster.majority(at_ns)
 
 
 @pytest.mark.parametrize(
@@ -15,25 +39,27 @@ NOW_NS = 1_000 * SECOND_NS
     [("", None), ("a", "a"), ("ab", None), ("aab", "a"), ("abb", "b"), ("abc", None), ("aabb", None), ("abbb", "b")],
 )
 def test_more_than_half_of_the_observers_decide(published, majority):
-    observed = ObservedVocabularies([f"cam{n}" for n in range(4)])
-    for n, digest in enumerate(published):
-        observed.note(f"cam{n}", digest, NOW_NS)
-    observed.note("stranger", "z", NOW_NS)
-    assert observed.majority(NOW_NS) == majority
+    publish = Published(4)
+    for n, digest in enumerate(published, 1):
+        publish(f"cam{n}", digest)
+    publish("stranger", "z")
+    assert publish.majority() == majority
+    publish.roster.change_vocabulary(Vocabulary(("x", "z")))
+    assert publish.majority() == majority
 
 
 def test_an_observer_that_is_gone_or_silent_has_no_say():
-    observed = ObservedVocabularies(["cam1", "cam2", "cam3"])
-    observed.set_present(frozenset({"cam1", "cam2"}))
-    observed.note("cam1", "a", NOW_NS)
-    observed.note("cam2", "b", NOW_NS)
-    assert observed.majority(NOW_NS) is None
-    observed.set_present(frozenset({"cam2"}))
-    assert observed.majority(NOW_NS) == "b"
+    publish = Published(3)
+    publish.roster.set_present(frozenset({"cam1", "cam2"}))
+    publish("cam1", "a")
+    publish("cam2", "b")
+    assert publish.majority() is None
+    publish.roster.set_present(frozenset({"cam2"}))
+    assert publish.majority() == "b"
     # One that never announced itself has one.
-    observed.note("cam3", "a", NOW_NS + SECOND_NS)
-    assert observed.majority(NOW_NS + SECOND_NS) is None
-    assert observed.majority(NOW_NS + 3 * SECOND_NS) == "a"
+    publish("cam3", "a", NOW_NS + SECOND_NS)
+    assert publish.majority(NOW_NS + SECOND_NS) is None
+    assert publish.majority(NOW_NS + 3 * SECOND_NS) == "a"
 
 
 def known(**fields):

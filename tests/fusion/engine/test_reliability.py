@@ -11,16 +11,17 @@ from hypothesis import strategies as st
 
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.aged_posterior import answers_of
-from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.trust import (
     BLUR,
     FAULT,
     HONEST,
     LEAST,
     MEMORY,
+    Reliability,
     after_message,
     honest_of,
     information_of,
+    learn_from_verdict,
     log_odds_of,
     nats_of,
     observed,

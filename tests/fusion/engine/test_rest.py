@@ -10,8 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from fusion.engine.rest import RestPool, pooled_rest
-from fusion.engine.rest_trust import GAIN, RestTrust
+from fusion.engine.rest import GAIN, RestPool, RestTrust, pooled_rest
 from fusion.engine.trust import BLUR, HONEST, MEMORY, OBSERVATION_S
 from fusion.engine.verdicts import CONTESTED_REST
 
@@ -186,7 +185,7 @@ def test_contested_rest_stays_until_the_two_agree_again():
     pool, states = RestPool(), []
     for n in range(120):
         other = 0.05 if n < 100 else 0.95
-        rest = pool.update([aged_rest(0, 0.95, 1.0), aged_rest(1, other, 1.0)], (n + 1) * STEP_NS)
+        rest = pool.pool([aged_rest(0, 0.95, 1.0), aged_rest(1, other, 1.0)], (n + 1) * STEP_NS)
         states.append((pool.contested, rest))
     # Never stuck: both sides are as they were from the start, so that each loses trust alike.
     assert states[99] == (True, states[60][1])
