@@ -13,7 +13,7 @@ The design: fusion.md, "Who may say that the person rests".
 The trust in each observer's rest probability is the channel `rest` of trust.py:
 
 4. What the others say is the sum of their log odds for rest, each as far as it is honest; one that has changed sides
-   less than STAYED_S ago says nothing. OBSERVATION_S of it are one observation of (1) in trust.py. So two that
+   less than NOTICED_S ago says nothing. OBSERVATION_S of it are one observation of (1) in trust.py. So two that
    contradict each other lose alike.
 5. An observer that has not changed sides for STUCK_S, or never, says the same whatever happens: to agree is then no
    merit, and each second in which it contradicts the others is an observation.
@@ -34,7 +34,9 @@ from dataclasses import dataclass, field
 
 from common import SECOND_NS
 from common.message_types import CONTRADICTED
+from common.probability import SMALLEST
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.segments import NOTICED_S
 from fusion.engine.trust import (
     BLUR,
     CONTRADICTS,
@@ -48,8 +50,6 @@ from fusion.engine.trust import (
     returned,
 )
 
-LEAST_FRESHNESS = 1e-9
-"""An observer whose posterior is less fresh is left out."""
 LEAST_SHARE = 0.1
 """An observer with a smaller weight than this share of the largest is left out."""
 CLEAR = 0.25
@@ -58,8 +58,6 @@ SIGHTED = 0.2
 """The least freshness of an observer that is compared: without a frame for a second it is not."""
 STUCK_S = 4.0
 """Seconds; the movements of recorded people and the rest between them last 1 to 3.5 s."""
-STAYED_S = 0.3
-"""Seconds; where one observer takes a turn of a movement for rest, it does so for .1 to .3 s."""
 CHANGES_S, CHANGES_LIMIT = 12.0, 20.0
 """Changes of side are counted with this memory in seconds. Observers of recorded people reach 18.6, one that changes
 with each of two frames a second 24."""
@@ -125,7 +123,7 @@ class _Voter:
     def log_odds(self, rest: float, at_ns: int) -> float:
         """Nats for rest if it says so then, as far as it is honest (4); 0 if it has just changed sides."""
         before = bisect_right(self.changed_ns, at_ns)
-        if before and at_ns - self.changed_ns[before - 1] < STAYED_S * SECOND_NS:
+        if before and at_ns - self.changed_ns[before - 1] < NOTICED_S * SECOND_NS:
             return 0.0
         honest = (1.0 - BLUR) * self.honest
         p = honest * rest + (1.0 - honest) / 2.0
@@ -265,7 +263,7 @@ def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | No
     weighted = sorted(
         (posterior.rest, posterior.freshness * weight)
         for posterior, weight in zip(posteriors, weights, strict=True)
-        if posterior.state in POOLED_STATES and posterior.freshness > LEAST_FRESHNESS
+        if posterior.state in POOLED_STATES and posterior.freshness > SMALLEST
     )
     # A negligible weight would still draw the interpolation to its side.
     largest = max((weight for _, weight in weighted), default=0.0)

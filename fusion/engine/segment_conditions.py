@@ -1,19 +1,31 @@
-"""The conditions of the events in the segmenter's table, from what was observed and what was decided. Pure.
+"""What the segmenter has observed, what was decided, and the conditions of the events in its table. Pure.
 
-The rules are those of segmenter.py.
+The rules are those of segmenter.py. Times: Unix epoch in ns.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import PAUSE_S
 from common.vocabulary import Vocabulary
+from fusion.engine.rest import CLEAR
 from fusion.engine.segment_table import Event, SegmentState
-from fusion.engine.segment_watch import ANY, NOTICED_S, OUTAGE_S, RESTING, SegmentStep, SegmentWatch
-from fusion.engine.segments import MovementDecision, MovementProgress, Pause, pauses_of
+from fusion.engine.segments import (
+    ANY,
+    NOTICED_S,
+    Heard,
+    HeldLabel,
+    MovementDecision,
+    MovementProgress,
+    Pause,
+    PooledState,
+    Quiet,
+    pauses_of,
+)
 
-CARRIED_S = 0.6
+CARRIED_S = 2 * NOTICED_S
 """In a simulation of observers that die, freeze and start, none held the previous label for longer than 0.5 s."""
 REVISIONS_LIMIT = 3
 """Of one movement, so that labels in turn give no endless series of verdicts; wire.md promises it."""
@@ -21,20 +33,44 @@ FADING = 2
 """In multiples of `hold_s`: so long a label has to be unlikely before its movement has ended."""
 REVISED_S = 1.0
 """A premature decision is over by then."""
-HIDING_S, ENDING_S = 2.0, 5.0
-"""An outage longer than the first can hide a rest and a movement; after one longer than the second the same label is
-another movement."""
+OUTAGE_S, HIDING_S, ENDING_S = 1.0, 2.0, 5.0
+"""A shorter outage than the first hides no whole movement, nor the whole rest between two; one longer than the second
+can hide both; after one longer than the third the same label is another movement (rule 9)."""
+CLEAR_REST = 1.0 - CLEAR
+"""Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
+ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
+RESTING = (SegmentState.PAUSED, SegmentState.LOST, *ENDING)
+
+
+@dataclass(slots=True)
+class SegmentStep:
+    """One step: what is pooled; `named`, the label that meets rule 2; `before`, the one that met it until now.
+
+    gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
+    """
+
+    state: PooledState
+    named: str | None
+    before: HeldLabel | None
+    heard_ns: int
+    gap_ns: int
 
 
 class Conditions:
     """What is known of the movement in progress, and whether an event shows in a step."""
 
     def __init__(self, config: FusionConfig, vocabulary: Vocabulary) -> None:
-        self._hold_ns, self._watch = config.hold_s * SECOND_NS, SegmentWatch(config)
+        self._threshold, self._quorum, self._hold_ns = config.threshold, config.quorum, config.hold_s * SECOND_NS
         self._pauses: Mapping[str, Pause] = pauses_of(config, vocabulary)
         self.state = SegmentState.IDLE
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
+        self._held: HeldLabel | None = None
+        """The label that is, or was last, likely enough."""
+        self._quiet: Quiet | None = None
+        """Since when the movement in progress is not seen."""
+        self._heard: Heard | None = None
+        self._last_ns = 0
 
     @property
     def decision(self) -> MovementDecision | None:
@@ -48,11 +84,78 @@ class Conditions:
             return None
         return self._pauses.get(self.movement.decision.label)
 
-    def named(self, step: SegmentStep) -> str | None:
+    @property
+    def _resting(self) -> Quiet | None:
+        """Since when the person rests; None while they move."""
+        return self._quiet if self.state in RESTING else None
+
+    def observe(self, state: PooledState) -> SegmentStep:
+        """Take what is pooled at one step."""
+        heard_ns, gap_ns = self._hear(state)
+        before = self._held if self._held_for(self._last_ns) else None
+        self._last_ns = state.at_ns
+        self._hold(state, self.state in ENDING and state.rest >= 0.5)
+        if self.state is not SegmentState.IDLE and (state.rest < 0.5 or self.state in RESTING):
+            self._note_unseen(state)
+        return SegmentStep(state, self._held_for(state.at_ns), before, heard_ns, gap_ns)
+
+    def _hear(self, state: PooledState) -> tuple[int, int]:
+        """Take the newest capture of a step; returns the one before, and the time between both (rule 9)."""
+        if not state.observed:
+            return 0, 0
+        captured_ns = state.at_ns if state.newest_capture_ns is None else state.newest_capture_ns
+        last_ns, since_ns = (captured_ns, None) if self._heard is None else self._heard
+        if captured_ns - last_ns > OUTAGE_S * SECOND_NS:
+            since_ns, self._held = state.at_ns, None
+        self._heard = Heard(max(captured_ns, last_ns), since_ns)
+        return last_ns, captured_ns - last_ns
+
+    def _hold(self, state: PooledState, still: bool) -> None:
+        """Take the likeliest label. still: a decided movement rests: posteriors only fade, and the label held stays."""
+        held, at_ns = self._held, state.at_ns
+        is_same = held is not None and held.label == state.label and at_ns - held.last_ns <= NOTICED_S * SECOND_NS
+        if state.p < self._threshold:
+            if held is not None and held.agreed_ns is not None and not still:
+                self._held = held._replace(agreed_ns=None)
+        elif held is not None and still:
+            self._held = held._replace(last_ns=at_ns) if is_same else held
+        else:
+            since_ns, agreed_ns = (held.since_ns, held.agreed_ns) if held is not None and is_same else (at_ns, None)
+            if state.agreeing < self._quorum:
+                agreed_ns = None
+            elif agreed_ns is None:
+                agreed_ns = at_ns
+            self._held = HeldLabel(state.label, since_ns, at_ns, agreed_ns)
+
+    def _note_unseen(self, state: PooledState) -> None:
+        """Note since when the movement is not seen, and since when that is beyond doubt."""
+        is_resting, at_ns, quiet = state.rest >= 0.5, state.at_ns, self._quiet
+        if not is_resting and (self._goes_on(state) or not state.observed):
+            self._quiet = None
+            return
+        has_rested = self.state in RESTING and self.pause is None
+        if quiet is None or (has_rested and not is_resting):
+            quiet = Quiet(at_ns, None)
+        is_clear = state.rest >= CLEAR_REST if is_resting else state.unlearned >= self._threshold
+        if is_clear is (quiet.clear_ns is None):
+            quiet = Quiet(quiet.since_ns, at_ns if is_clear else None)
+        self._quiet = quiet
+
+    def _held_for(self, at_ns: int) -> str | None:
+        """The label that meets the demand, and does so for `hold_s` at `at_ns` (rule 2)."""
+        held = self._held
+        is_met = held is not None and held.agreed_ns is not None and at_ns - held.agreed_ns >= self._hold_ns
+        return held.label if held is not None and is_met else None
+
+    def _goes_on(self, state: PooledState) -> bool:
+        """Whether the movement goes on: its label is likeliest and half as likely as demanded; undecided, any is."""
+        decision = self.decision
+        is_own = decision is None or (state.label == decision.label and 2 * state.p >= self._threshold)
+        return is_own and not state.idle
+
+    def nameable(self, step: SegmentStep) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
-        movement, at_ns = self.movement, step.state.at_ns
-        held, quiet = self._watch.held, self._watch.quiet if self.state in RESTING else None
-        label = step.named
+        movement, at_ns, held, quiet, label = self.movement, step.state.at_ns, self._held, self._resting, step.named
         if label is None and quiet is not None and quiet.since_ns == at_ns and held is not None and held.agreed_ns:
             label = held.label
         if movement is None or label is None or self.is_short(at_ns) or step.gap_ns > HIDING_S * SECOND_NS:
@@ -62,21 +165,20 @@ class Conditions:
 
     def is_short(self, at_ns: int) -> bool:
         """Whether the person has moved for less than `hold_s` (rule 1)."""
-        quiet = self._watch.quiet if self.state in RESTING else None
-        moved_until_ns = at_ns if quiet is None else quiet.since_ns
+        moved_until_ns = at_ns if self._resting is None else self._resting.since_ns
         return self.movement is None or moved_until_ns - self.movement.began_ns < self._hold_ns
 
     def renamed(self) -> str | None:
         """The label that replaces the decided one at rest (rule 6)."""
-        decision, quiet, movement = self.decision, self._watch.quiet, self.movement
+        decision, quiet, movement = self.decision, self._quiet, self.movement
         if decision is None or movement is None or quiet is None or movement.outage_ns is not None:
             return None
-        label = self._watch.named(quiet.since_ns)
+        label = self._held_for(quiet.since_ns)
         return label if label != decision.label and decision.revisions < REVISIONS_LIMIT else None
 
     def is_revoked(self, step: SegmentStep) -> bool:
         """Whether rest begins after something else that says that the decided label was wrong (rule 6)."""
-        quiet, at_ns = self._watch.quiet, step.state.at_ns
+        quiet, at_ns = self._quiet, step.state.at_ns
         if self.decision is None or self.pause is not None or quiet is None or quiet.clear_ns is None:
             return False
         has_faded = at_ns - quiet.since_ns >= FADING * self._hold_ns
@@ -91,7 +193,7 @@ class Conditions:
 
     def is_back(self, step: SegmentStep) -> bool:
         """Whether the decided label is likely enough to go on."""
-        return step.state.observed and self._watch.is_seen(step.state, self.decision)
+        return step.state.observed and self._goes_on(step.state)
 
     def is_confirmed(self, step: SegmentStep) -> bool:
         """Whether the decided label is held again after an outage."""
@@ -107,7 +209,7 @@ class Conditions:
 
     def is_next(self, step: SegmentStep) -> bool:
         """Whether another label is held that is that of the next movement (rule 7)."""
-        held, movement = self._watch.held, self.movement
+        held, movement = self._held, self.movement
         if not self.is_other(step) or movement is None or held is None or held.agreed_ns is None:
             return False
         return movement.outage_ns is not None or held.agreed_ns - movement.began_ns >= NOTICED_S * SECOND_NS
@@ -121,7 +223,7 @@ class Conditions:
 
     def is_missed(self, step: SegmentStep) -> bool:
         """Whether the person moves, but the movement has not been seen for long enough (rules 5, 7 and 8)."""
-        if self._watch.quiet is None:
+        if self._quiet is None:
             return False
         decision, pause = self.decision, self.pause
         is_open = (
@@ -143,13 +245,13 @@ class Conditions:
         return not is_idle and self._is_quiet(step, FADING * self._hold_ns + 1)
 
     def _is_quiet(self, step: SegmentStep, needed_ns: float) -> bool:
-        quiet, state = self._watch.quiet, step.state
+        quiet, state = self._quiet, step.state
         is_moving = state.observed and state.rest < 0.5
         return is_moving and quiet is not None and state.at_ns - quiet.since_ns >= needed_ns
 
     def is_rested(self, step: SegmentStep) -> bool:
         """Whether rest has lasted for long enough (rules 4, 5 and 8)."""
-        quiet, held, at_ns, pause = self._watch.quiet, self._watch.held, step.state.at_ns, self.pause
+        quiet, held, at_ns, pause = self._quiet, self._held, step.state.at_ns, self.pause
         if quiet is None or step.state.rest < 0.5:
             return False
         needed_ns = self._hold_ns
@@ -168,7 +270,7 @@ GUARDS: Mapping[Event, Callable[[Conditions, SegmentStep], bool]] = {
     Event.MOVES_AGAIN: lambda _, step: step.state.rest < 0.5,
     Event.RESTS: lambda _, step: step.state.rest >= 0.5,
     Event.LEFT: lambda _, step: step.state.observed and step.state.idle and step.state.rest < 0.5,
-    Event.NAMED: lambda known, step: known.named(step) is not None,
+    Event.NAMED: lambda known, step: known.nameable(step) is not None,
     Event.RESTED: Conditions.is_rested,
     Event.MISSED: Conditions.is_missed,
     Event.SEEN: Conditions.is_seen,

@@ -37,12 +37,28 @@ from dataclasses import replace
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.segment_conditions import GUARDS, REVISIONS_LIMIT, Conditions
+from fusion.engine.segment_conditions import (
+    CLEAR_REST,
+    ENDING,
+    GUARDS,
+    OUTAGE_S,
+    RESTING,
+    Conditions,
+    SegmentStep,
+)
 from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, SegmentState, Transition
-from fusion.engine.segment_watch import ENDING, RESTING, SegmentStep
-from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, Start, pauses_of
+from fusion.engine.segments import (
+    Heard,
+    HeldLabel,
+    MovementDecision,
+    MovementProgress,
+    PooledState,
+    Quiet,
+    Start,
+    carried_label,
+    pauses_of,
+)
 
-__all__ = ["REVISIONS_LIMIT", "Segmenter"]
 GUARDED = {state: tuple((GUARDS[row.event], row) for row in rows) for state, rows in TABLE.items()}
 Published = Sequence[MovementDecision]
 
@@ -58,7 +74,7 @@ class Segmenter(Conditions):
     @property
     def basis_times(self) -> frozenset[int]:
         """The times of the steps on which later verdicts may be based: decisions, and the begin of rest."""
-        decision, quiet = self.decision, self._watch.quiet if self.state in RESTING else None
+        decision, quiet = self.decision, self._resting
         if decision is None and quiet is None:
             return frozenset()
         times = (None if decision is None else decision.decided_ns, None if quiet is None else quiet.since_ns)
@@ -67,7 +83,7 @@ class Segmenter(Conditions):
     @property
     def held_since_ns(self) -> int | None:
         """Since when the label has met the demand without a break; None while it does not."""
-        return None if self._watch.held is None else self._watch.held.agreed_ns
+        return None if self._held is None else self._held.agreed_ns
 
     @property
     def shown(self) -> MovementProgress | None:
@@ -98,15 +114,17 @@ class Segmenter(Conditions):
 
     def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
         """Take one step; returns the decisions that are due: a first one, a revision, an end."""
-        if self._watch.turned_back(state.at_ns):
+        if state.at_ns < self._last_ns:
+            self._held = self._heard = None
             self._finish()
-        step = self._watch.step(state, self.state, self.decision, self.pause is not None)
+        step = self.observe(state)
         published: tuple[MovementDecision, ...] = ()
         taken: tuple[Event, ...] = ()
         while (row := self._due(step, taken)) is not None:
             published = (*published, *EFFECTS[row.effect](self, step))
             self.state, taken = row.state, (*taken, row.event)
             if row.state is SegmentState.IDLE:
+                self._finish()
                 break
         if state.repetitions is not None:
             self._count(state)
@@ -128,7 +146,7 @@ class Segmenter(Conditions):
 
         newest_capture_ns: of the posteriors that service had, if it is known. outage_ns: its own.
         """
-        missed_ns = self._watch.follow(newest_capture_ns)
+        missed_ns = None if newest_capture_ns is None else self._follow_captures(newest_capture_ns)
         if movement is None:
             self._finish()
             return
@@ -141,31 +159,40 @@ class Segmenter(Conditions):
             outage_ns = max(missed_ns, decision.decided_ns)
         if outage_ns is None and own.outage_ns is not None and own.outage_ns >= movement.began_ns:
             outage_ns = own.outage_ns
-        before, quiet = own.decision, self._watch.quiet
+        before, quiet = own.decision, self._quiet
         is_same = before is not None and (own.began_ns, before.label) == (movement.began_ns, decision.label)
         if self.state in RESTING and quiet is not None and movement.began_ns <= quiet.since_ns:
             self.state = SegmentState.SETTLED
         elif outage_ns is not None:
             self.state = SegmentState.PASSED
         elif not is_same:
-            self.state, self._watch.quiet = SegmentState.UNSEEN, None
+            self.state, self._quiet = SegmentState.UNSEEN, None
         if before is not None and is_same:
             counts = [count for count in (before.repetitions, decision.repetitions) if count is not None]
             decision = replace(decision, revisions=before.revisions, repetitions=max(counts, default=None))
         self.movement = replace(followed, decision=decision, outage_ns=outage_ns)
 
+    def _follow_captures(self, newest_ns: int) -> int | None:
+        """Take the newest capture of another service; returns when this one had its last, if an outage lies between."""
+        last_ns, since_ns = (newest_ns, None) if self._heard is None else self._heard
+        self._heard = Heard(max(newest_ns, last_ns), since_ns)
+        return last_ns if newest_ns - last_ns > OUTAGE_S * SECOND_NS else None
+
     def end_now(self, at_ns: int) -> MovementDecision | None:
         """End the movement at `at_ns`, whatever the person does; its end if it was decided, else None."""
-        decision, self._watch.held = self.decision, None
+        decision, self._held = self.decision, None
         self._finish()
         return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
 
     def _finish(self) -> None:
-        self.state, self.movement, self._watch.quiet = SegmentState.IDLE, None, None
+        self.state, self.movement, self._quiet = SegmentState.IDLE, None, None
 
     def _begin(self, at_ns: int) -> MovementProgress:
-        self.movement = MovementProgress(at_ns, None, self._watch.carried(at_ns), self._start is not None)
-        self._watch.begin(at_ns)
+        carried = carried_label(self._held, self._heard, at_ns)
+        self.movement, self._quiet = MovementProgress(at_ns, None, carried, self._start is not None), None
+        if self._held is not None and self._held.agreed_ns is not None:
+            # The hold of its label begins, too.
+            self._held = self._held._replace(agreed_ns=max(at_ns, self._held.agreed_ns))
         return self.movement
 
     def _begin_now(self, step: SegmentStep) -> Published:
@@ -174,7 +201,7 @@ class Segmenter(Conditions):
 
     def _begin_next(self, step: SegmentStep) -> Published:
         """End the movement, and begin that of the label that is held, since it has been."""
-        held, quiet = self._watch.held, self._watch.quiet
+        held, quiet = self._held, self._quiet
         since_ns = step.state.at_ns if held is None or held.agreed_ns is None else held.agreed_ns
         ended = self._end(step, None, since_ns if self.pause is None or quiet is None else quiet.since_ns)
         self._begin(since_ns)
@@ -186,14 +213,20 @@ class Segmenter(Conditions):
         return ended
 
     def _rest(self, step: SegmentStep) -> Published:
-        quiet, label = self._watch.quiet, ABSTAIN if self.is_revoked(step) else None
-        self._watch.rest(step, label, None if self.pause is None or quiet is None else quiet.since_ns)
+        """Rest begins, or of a periodic movement goes on since it was seen last; what is held then stays."""
+        at_ns, held, quiet = step.state.at_ns, self._held, self._quiet
+        if self.is_revoked(step):
+            self._held = HeldLabel(ABSTAIN, at_ns, at_ns, at_ns - round(self._hold_ns))
+        elif held is None or held.agreed_ns is None:
+            self._held = step.before or held
+        since_ns = at_ns if self.pause is None or quiet is None else quiet.since_ns
+        self._quiet = Quiet(since_ns, at_ns if step.state.rest >= CLEAR_REST else None)
         return ()
 
     def _miss(self, step: SegmentStep) -> Published:
         if self.movement is not None and self.decision is not None:
             outage_ns = max(step.heard_ns, self.decision.decided_ns)
-            self.movement, self._watch.quiet = replace(self.movement, outage_ns=outage_ns), None
+            self.movement, self._quiet = replace(self.movement, outage_ns=outage_ns), None
         return ()
 
     def _confirm(self, step: SegmentStep) -> Published:
@@ -202,19 +235,19 @@ class Segmenter(Conditions):
         return ()
 
     def _decide(self, step: SegmentStep) -> Published:
-        movement, label = self.movement, self.named(step)
+        movement, label = self.movement, self.nameable(step)
         if movement is None or label is None:
             return ()
         return self._publish(MovementDecision(label, movement.began_ns, step.state.at_ns), step)
 
     def _revise(self, step: SegmentStep) -> Published:
         """Replace the label: by the one that was held as rest began, or in motion by the one that is held now."""
-        decision, quiet, is_resting = self.decision, self._watch.quiet, self.state in ENDING
+        decision, quiet, is_resting = self.decision, self._quiet, self.state in ENDING
         label = self.renamed() if is_resting else step.named
         if decision is None or label is None:
             return ()
         at_ns = quiet.since_ns if is_resting and quiet is not None else step.state.at_ns
-        self._watch.quiet = quiet if is_resting else None
+        self._quiet = quiet if is_resting else None
         revised = replace(decision, label=label, decided_ns=at_ns, stage="revised", revises=decision.label)
         return self._publish(replace(revised, revisions=decision.revisions + 1, repetitions=None), step)
 
@@ -225,20 +258,14 @@ class Segmenter(Conditions):
         return () if self.decision is None else (self.decision,)
 
     def _end_now(self, step: SegmentStep) -> Published:
-        return self._end(step, self.named(step), None)
-
-    def _drop(self, step: SegmentStep) -> Published:
-        self._finish()
-        return ()
+        return self._end(step, self.nameable(step), None)
 
     def _end(self, step: SegmentStep, label: str | None, ended_ns: int | None) -> Published:
         """End the movement when it was seen last, or at `ended_ns`; undecided, with `label`."""
-        movement, decision, quiet, at_ns = self.movement, self.decision, self._watch.quiet, step.state.at_ns
-        is_short = self.is_short(at_ns)
-        self._finish()
+        movement, decision, quiet, at_ns = self.movement, self.decision, self._quiet, step.state.at_ns
         if movement is None:
             return ()
-        if decision is None and not is_short and (label is not None or not movement.early):
+        if decision is None and not self.is_short(at_ns) and (label is not None or not movement.early):
             decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         quiet_ns = at_ns if quiet is None else quiet.since_ns
         ended_ns = movement.outage_ns or (quiet_ns if ended_ns is None else ended_ns)
@@ -257,7 +284,7 @@ EFFECTS: Mapping[Effect, Callable[[Segmenter, SegmentStep], Published]] = {
     Effect.NOTHING: lambda *_: (),
     Effect.BEGIN: Segmenter._begin_now,
     Effect.REST: Segmenter._rest,
-    Effect.DROP: Segmenter._drop,
+    Effect.DROP: lambda *_: (),
     Effect.MISS: Segmenter._miss,
     Effect.CONFIRM: Segmenter._confirm,
     Effect.DECIDE: Segmenter._decide,

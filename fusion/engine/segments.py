@@ -14,6 +14,12 @@ from common.vocabulary import Vocabulary
 from fusion.engine.roster import AgedPosterior
 
 NO_TIMES = MovementTimes()
+ANY = "*"
+"""In place of the label that was held before a movement: it may have been any."""
+NOTICED_S = 0.3
+"""Observers notice within so long that a movement has begun, has changed or is over: a label that is held for a shorter
+time as one begins may be its own (rule 3), as may one that begins sooner after the begin (rule 7), and something else
+that lasts for less may be rest (rule 6). Where one takes a turn of a movement for rest, it does so for .1 to .3 s."""
 
 
 @dataclass(slots=True)
@@ -97,6 +103,16 @@ class Heard(NamedTuple):
 
     until_ns: int
     since_ns: int | None = None
+
+
+def carried_label(held: HeldLabel | None, heard: Heard | None, began_ns: int) -> str | None:
+    """The label that was held before a movement that begins then (rules 3 and 9)."""
+    before_ns, since_ns = NOTICED_S * SECOND_NS, None if heard is None else heard.since_ns
+    if since_ns is not None and 0 <= began_ns - since_ns < before_ns:
+        return ANY
+    if held is None or not began_ns - held.last_ns <= before_ns <= began_ns - held.since_ns:
+        return None
+    return held.label
 
 
 class Start(NamedTuple):

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.segment_conditions import REVISIONS_LIMIT
 from fusion.engine.segment_table import SegmentState
-from fusion.engine.segmenter import REVISIONS_LIMIT, Segmenter
+from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import PooledState
 
 NAMES = Vocabulary(("bow", "lunge", "punch"))
