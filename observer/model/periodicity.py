@@ -113,17 +113,12 @@ class Oscillation:
     rest_s: float | None = None
 
 
-def oscillation_of(takes: Sequence[Floats], rate_hz: float, *, repeated: bool = False) -> Oscillation | None:
-    """The oscillation that more than half of the takes, traces (F, 2 P + 3), agree on; None if they do not.
-
-    repeated: somebody says that the movement is repeated; without periods in its takes, each take is one.
-    """
+def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | None:
+    """The oscillation that more than half of the takes, traces (F, 2 P + 3), agree on; None if they do not."""
     # Traces at 30 Hz or more are thinned out: no part of a body goes to and fro five times a second.
     step = max(int(rate_hz / REFERENCE_HZ), 1)
     postures, thinned_hz = [thinned(postures_of(trace), step) for trace in takes], rate_hz / step
     periods = [period_in(each, thinned_hz) for each in postures]
-    if repeated and 2 * sum(period is not None for period in periods) <= len(takes):
-        periods = [Period(len(each), 1.0, 0, len(each)) if len(each) > 1 else None for each in postures]
     shown = [(each, period) for each, period in zip(postures, periods, strict=True) if period is not None]
     if 2 * len(shown) <= len(takes):
         return None

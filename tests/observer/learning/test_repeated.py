@@ -13,7 +13,6 @@ from observer.learning.editing import add_movements, remove_movements
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
-from observer.model.movement_times import with_repeats
 from observer.motion.archive import MotionArchive, Span
 from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS, Frame
@@ -113,14 +112,3 @@ def test_an_observer_counts_what_is_repeated_and_nothing_else(model):
     (point,) = perform(("2",), ("point",), trials=1).recordings
     assert repetitions_in(model, point)[-1] is None
     assert set(repetitions_in(remove_movements(model, ("byebye",)), waving(0.0))) == {None}
-
-
-def test_the_scene_file_says_what_is_repeated_whatever_the_takes_are_like(model):
-    assert with_repeats(model, {}) is model and with_repeats(model, {"byebye": True, "else": True}) is model
-    other = with_repeats(model, {"byebye": False, "point": True})
-    shortest_s = other.header.vocabulary.movements["point"].shortest_s
-    assert list(other.header.vocabulary.periods) == ["point"] == [LABELS[n] for n in other.oscillations]
-    assert other.header.vocabulary.periods["point"] == pytest.approx(shortest_s, rel=0.3), "a take is one repetition"
-    (point,) = perform(("2",), ("point",), trials=1).recordings
-    assert repetitions_in(other, point)[-1] == pytest.approx(1, abs=0.5)
-    assert model.header.vocabulary.periods.keys() == {"byebye"}, "as it was"

@@ -140,14 +140,6 @@ def test_every_repetition_counts_once_at_any_tempo_size_and_drift(claps, count, 
     assert counts[-1] == count and all(0 <= after - before <= 0.5 for before, after in pairwise(counts))
 
 
-def test_where_somebody_says_that_it_is_repeated_a_take_of_one_stroke_is_one_repetition():
-    takes = [trace_of(strokes(1, rest_s=0.0), np.random.default_rng(n)) for n in range(3)]
-    assert oscillation_of(takes, RATE_HZ) is None
-    oscillation = oscillation_of(takes, RATE_HZ, repeated=True)
-    assert oscillation.period_s == pytest.approx(0.8)
-    assert counts_of(oscillation, strokes(6, rest_s=0.3))[-1] == 6
-
-
 @pytest.mark.parametrize(("rest_s", "is_seen"), [(0.6, True), (4.0, False)])
 def test_a_count_stays_at_rest_and_the_next_motion_begins_anew(claps, rest_s, is_seen):
     before, rest, after = strokes(5), np.zeros(round(rest_s * RATE_HZ)), strokes(2, rest_s=0.0)
