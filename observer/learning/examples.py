@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View, turned
-from observer.model.base import Example, Stream, StreamSpan
-from observer.model.even_spread import evenly_spread
+from observer.model.base import Example, Stream, StreamSpan, evenly_spread
 from observer.motion.archive import MotionArchive, Recording, require_labels, resample, streams_in
 from observer.motion.projected import view_tracks
 from observer.tracks import Tracks

@@ -21,11 +21,11 @@ from observer.model.base import (
     MovementModel,
     Onset,
     Stream,
+    evenly_spread,
     learned_from,
     with_features,
 )
 from observer.model.cross_validation import CrossValidation, judged_as
-from observer.model.even_spread import evenly_spread
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named

@@ -1,5 +1,6 @@
 """The protocol of movement models: learned from examples, stored as arrays, and used to watch a person."""
 
+import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -264,3 +265,11 @@ def recording_numbers(items: Sequence[Watched]) -> list[int]:
     """For each example or stream the number of its recording; recordings have the same order at every facing."""
     numbers = defaultdict[int, Iterator[int]](count)
     return [next(numbers[item.facing]) for item in items]
+
+
+def evenly_spread(number: int) -> float:
+    """The fractional part of `number` times the golden ratio: successive numbers fill [0, 1) evenly, however many.
+
+    In place of random numbers: the choice is the same each time.
+    """
+    return (number * (math.sqrt(5) - 1) / 2) % 1.0

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from observer.body import BodyFrame
-from observer.features import UP
+from observer.features import REFERENCE_HZ, UP
 from observer.tracks import Floats, Floats32, Integers, Tracks
 
 FASTEST_PER_S = 40.0
@@ -83,6 +83,11 @@ def tracks_of(rows: Floats) -> list[Tracks]:
     return [Tracks(each) for each in centres]
 
 
+def hop_of(rate_hz: float) -> int:
+    """Frames from one that is judged, compared or learned from to the next: there are about 15 a second."""
+    return max(round(rate_hz / REFERENCE_HZ), 1)
+
+
 def width_of(parts: int) -> int:
     """The number of columns of a trace of P parts."""
     return 2 * parts + 3
@@ -105,6 +110,7 @@ def relative_and_path(rows: Floats32) -> tuple[Floats32, Floats32]:
 
 
 EXTENT_S = 2.0
+"""How far back `extent` looks."""
 
 
 def extent(rows: Floats32, rate_hz: float) -> float:

@@ -9,9 +9,8 @@ from observer.tracks import Floats
 
 STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
 """P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
-ENTERED = 4
-ENTRY = tuple(2 * (ENTERED - phase) / (ENTERED * (ENTERED + 1)) for phase in range(ENTERED))
-"""P(a movement is entered in its first, ... fourth phase): .4 .3 .2 .1."""
+ENTRY = (0.4, 0.3, 0.2, 0.1)
+"""P(a movement is entered in its first, ... fourth phase)."""
 UNDER_WAY = 0.2
 """P(the person is in the middle of a movement when an observer starts). With .5 a movement is noticed hardly sooner,
 but the probability of rest begins at .7 in place of .9 where the person rests."""

@@ -135,13 +135,10 @@ class RestPostures:
         likelihood *= np.float32(-sharpness)
         np.exp(likelihood, out=likelihood)
         means = (self._means @ likelihood).astype(np.float64)
-        np.maximum(means, LEAST, out=means)
+        np.maximum(means, math.exp(FLOOR), out=means)
         # A person at rest faces one way; a mean over all facings would rule rest out.
         own, of_facing = means[: -self._shape[1]].reshape(self._shape), means[-self._shape[1] :]
         return math.log(of_facing.max()), np.log(np.maximum(own, of_facing))
-
-
-LEAST = math.exp(FLOOR)
 
 
 class PostureEvidence:

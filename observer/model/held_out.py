@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from observer.model.base import Example, Onset, Stream
-from observer.model.body_trace import tracks_of, width_of
+from observer.model.body_trace import hop_of, tracks_of, width_of
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
 from observer.model.training_rows import (
@@ -136,7 +136,7 @@ def _watch_tracks(
 
 def _watch_streams(model: "Stacked", streams: Sequence[Stream], watched_s: float) -> Iterator[Watched]:
     """Each instant in which the person does not rest weighs as long as it lasts, in seconds."""
-    left, hop = watched_s * model.header.rate_hz, max(round(model.header.rate_hz / 15.0), 1)
+    left, hop = watched_s * model.header.rate_hz, hop_of(model.header.rate_hz)
     for stream in streams:
         tracks: Sequence[Tracks] = stream.tracks[: max(int(left), 0)]
         left -= len(tracks)

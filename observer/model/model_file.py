@@ -25,9 +25,9 @@ from observer.model.base import Header, MovementModel
 from observer.model.parameters import check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
+from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 
 FORMAT = 1
-LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 0.1, 1e5
 LINE_LIMIT = 400
 
 

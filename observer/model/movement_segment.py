@@ -9,8 +9,8 @@ from observer.tracks import Floats, Floats32
 
 STILL_LAG_S = 0.3
 """The delay of stillness: a movement begins this long before stillness ends."""
-SHOWN, PAST, PAST_S = 0.3, 0.7, 0.1
-"""P(something else) below SHOWN shows a movement; that movement is past when it exceeds PAST for PAST_S."""
+SHOWN, PAST_S = 0.3, 0.1
+"""P(something else) below SHOWN shows a movement; that movement is past when it exceeds 1 - SHOWN for PAST_S."""
 SURE = 0.8
 """A movement with a higher probability for PAST_S is named; a segment in which two are named holds more than one."""
 
@@ -76,7 +76,7 @@ class MovementSegment:
         is_past = self._otherwise > self._past_frames
         self._shown = self._shown or something_else < SHOWN
         if not is_past:
-            is_other = self._shown and not resting and something_else > PAST
+            is_other = self._shown and not resting and something_else > 1 - SHOWN
             self._otherwise = self._otherwise + 1 if is_other else 0
         return is_past and something_else < SHOWN
 

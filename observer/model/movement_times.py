@@ -7,12 +7,11 @@ from common.message_types import MovementTimes
 from observer.model.base import Header, StreamSpan
 from observer.model.periodicity import Oscillation, oscillation_of
 from observer.model.training_memory import TrainingMemory, trace_in
+from observer.model.training_rows import AFTERGLOW_S
 from observer.tracks import Floats
 
 DIGITS = 3
 """Durations are known to a millisecond."""
-TOUCHING_S = 0.1
-"""Spans so near to each other have no rest between them: where a movement ends is not known better."""
 
 
 def with_times(header: Header, memory: TrainingMemory) -> Header:
@@ -52,7 +51,7 @@ def _takes_of(movement: int, memory: TrainingMemory, rate_hz: float) -> list[Flo
 
 
 def _touch(span: StreamSpan, following: StreamSpan, rate_hz: float) -> bool:
-    return following.begin - span.end <= TOUCHING_S * rate_hz
+    return following.begin - span.end <= AFTERGLOW_S * rate_hz
 
 
 def _runs_of(spans: Sequence[StreamSpan], rate_hz: float) -> list[list[StreamSpan]]:

@@ -19,9 +19,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example
+from observer.model.base import Example, evenly_spread
 from observer.model.body_trace import relative_and_path
-from observer.model.even_spread import evenly_spread
 from observer.tracks import Floats, Floats32
 
 MOST_TAKES = 60

@@ -14,7 +14,7 @@ import numpy as np
 from observer.features import REFERENCE_HZ
 from observer.tracks import Floats
 
-SHORTEST_S = 0.25
+SHORTEST_PERIOD_S = 0.25
 """What goes to and fro faster is the noise of a tracker: waving hands were never faster in kinder_gator."""
 COMPARED_PERIODS = 2
 """A take is compared with itself over so many periods, so that it holds one more. A stroke, its return and a second
@@ -69,7 +69,7 @@ def period_in(postures: Floats, rate_hz: float) -> Period | None:
     at_lag = [_at_lag(postures, lag) for lag in range(2, len(postures) // (COMPARED_PERIODS + 1) + 1)]
     heights = np.array([-1.0, *(period.correlation for period in at_lag), -1.0])
     is_peak = (heights[1:-1] >= heights[:-2]) & (heights[1:-1] > heights[2:])
-    peaks = [n for n in np.flatnonzero(is_peak) if at_lag[n].lag >= SHORTEST_S * rate_hz]
+    peaks = [n for n in np.flatnonzero(is_peak) if at_lag[n].lag >= SHORTEST_PERIOD_S * rate_hz]
     highest = max((heights[n + 1] for n in peaks), default=0.0)
     if highest < LEAST_CORRELATION:
         return None

@@ -15,7 +15,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, with_defaults
-from observer.model.body_trace import EXTENT_S, BodyTrace, tracks_of, width_of
+from observer.model.body_trace import EXTENT_S, BodyTrace, hop_of, tracks_of, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
@@ -27,7 +27,7 @@ from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facin
 from observer.model.periodicity import Oscillation
 from observer.model.phase import Phase, posture_reader
 from observer.model.segment_classifier import SegmentClassifier
-from observer.model.stacked_watch import StackedWatch, hop_of
+from observer.model.stacked_watch import StackedWatch
 from observer.model.stacker import Stacker, task_of
 from observer.model.stacker_prior import PRIOR
 from observer.model.trailing_features import TrailingFeatures

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from observer.features import REFERENCE_HZ
 from observer.model.base import Onset, Watch
-from observer.model.body_trace import BodyTrace, extent, width_of
+from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
 from observer.model.movement_segment import MovementSegment
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
@@ -24,11 +23,6 @@ TURN_S = 5.0
 """In this time the facing that was last known is forgotten, if nothing shows it."""
 FORGET_PER_S = 0.15
 """The share of a posterior that returns to the prior in a second without sight."""
-
-
-def hop_of(rate_hz: float) -> int:
-    """Frames from one classification to the next: there are at most 15 a second."""
-    return max(round(rate_hz / REFERENCE_HZ), 1)
 
 
 class StackedWatch(Watch):

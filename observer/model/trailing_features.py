@@ -13,17 +13,18 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features import REFERENCE_HZ
 from observer.model.body_trace import relative_and_path
 from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, row_quantiles, weights_of
 from observer.tracks import Floats, Floats32, Integers
 
 SHORTEST_S = 0.4
-"""The shortest window of convolutions; each further one is twice as long."""
-GLANCE_S = 0.2
-LONGEST_SHARE, LONGEST_POSTURE_SHARE = 1.5, 2.8
+"""The shortest window of convolutions; each further one is twice as long. One of postures is half as long."""
+DOUBLINGS = 4
+LONGEST_CONVOLUTIONS, LONGEST_POSTURES = 1.5, 2.8
 """The longest windows, as multiples of the median movement's duration."""
 WIDEST_KERNEL_S = 2.2
-LONGEST_S = 6.5
+"""The longest time over which a kernel reaches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +38,14 @@ class Windows:
     @classmethod
     def of(cls, rate_hz: float, median_s: float) -> Self:
         """For movements whose median duration is median_s seconds."""
-        lengths = [SHORTEST_S * 2**n for n in range(5) if SHORTEST_S * 2**n <= LONGEST_S]
+        lengths = [SHORTEST_S * 2**n for n in range(DOUBLINGS + 1)]
 
         def frames(seconds: Iterable[float]) -> tuple[int, ...]:
             return tuple(sorted({max(round(s * rate_hz), 2) for s in seconds}))
 
         return cls(
-            frames([SHORTEST_S, *(s for s in lengths if s <= LONGEST_SHARE * median_s)]),
-            frames([GLANCE_S, SHORTEST_S, *(s for s in lengths if s <= LONGEST_POSTURE_SHARE * median_s)]),
+            frames([SHORTEST_S, *(s for s in lengths if s <= LONGEST_CONVOLUTIONS * median_s)]),
+            frames([SHORTEST_S / 2, SHORTEST_S, *(s for s in lengths if s <= LONGEST_POSTURES * median_s)]),
             tuple(d for d in (1, 2, 4, 8) if d == 1 or (TAPS - 1) * d <= WIDEST_KERNEL_S * rate_hz),
         )
 
@@ -92,7 +93,7 @@ class TrailingFeatures:
         velocity = np.empty_like(path)
         velocity[0] = 0.0
         np.subtract(path[1:], path[:-1], out=velocity[1:])
-        velocity *= np.float32(self._rate_hz / 15)
+        velocity *= np.float32(self._rate_hz / REFERENCE_HZ)
         return np.concatenate([relative, velocity], axis=1), path
 
     def watch(self) -> "TrailingWatch":
@@ -125,8 +126,8 @@ class TrailingFeatures:
         lengths = [tuple(int(v) for v in arrays[f"trailing_{name}"].astype(np.int64)) for name in names]
         channels = np.asarray(arrays["trailing_channels"], np.bool_)
         biases = np.asarray(arrays["trailing_biases"], np.float32)
-        if not all(lengths) or not all(0 < v <= MOST_FRAMES for values in lengths for v in values):
-            raise ValueError(f"trailing windows {lengths}: 1 to {MOST_FRAMES} frames are expected")
+        if not all(lengths) or not all(0 < v <= MOST_WINDOW for values in lengths for v in values):
+            raise ValueError(f"trailing windows {lengths}: 1 to {MOST_WINDOW} frames are expected")
         if any(one >= two for values in lengths for one, two in pairwise(values)):
             raise ValueError(f"trailing windows {lengths}: increasing lengths are expected")
         shape = (len(lengths[2]), len(KERNELS))
@@ -144,7 +145,7 @@ class TrailingWatch:
     def __init__(self, windows: Windows, rate_hz: float, weights: Floats32, biases: Floats32) -> None:
         """weights (D, 9 * 2 P, 84) and biases (D, 84) of the convolutions."""
         dilations, taps, kernels = weights.shape
-        self._weights, self._biases, self._rate = weights, biases, np.float32(rate_hz / 15)
+        self._weights, self._biases, self._rate = weights, biases, np.float32(rate_hz / REFERENCE_HZ)
         self._taps = np.array(windows.dilations)[:, None] * np.arange(1 - TAPS, 1)
         self._convolutions, self._postures = np.array(windows.convolutions), np.array(windows.postures)
         self._history, self._newest = windows.history, -1
@@ -214,8 +215,11 @@ class TrailingWatch:
 STORED = 4
 """How many times the longest history a watch stores: the more, the more rarely it makes room."""
 MOST_SHOWN = 48
-MOST_FRAMES = 100_000
+"""Traces whose convolutions tell the quantiles for the biases."""
+MOST_WINDOW = 100_000
+"""Frames: a longer window in a model file is an error, and would fill the memory."""
 LEAST_BIAS = 1e-5
+"""Body sizes: above the rounding of float32."""
 
 
 def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:

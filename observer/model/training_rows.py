@@ -14,8 +14,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example, Stream, recording_numbers
-from observer.model.even_spread import evenly_spread
+from observer.model.base import Example, Stream, evenly_spread, recording_numbers
+from observer.model.body_trace import hop_of
 from observer.tracks import Floats32, Integers
 
 Shown = TypeVar("Shown", Example, Stream)
@@ -27,9 +27,9 @@ RESTS_AFTER_S = (0.5, 0.9, 1.4)
 REST_S = 1.6
 TREMBLING = 0.03
 """Body sizes: the noise of a resting person's parts."""
-ROWS_PER_S = 15.0
 AFTERGLOW_S = 0.1
-"""For so long after its end a movement in a stream is still shown."""
+"""For so long after its end a movement in a stream is still shown: where it ends is not known better, and spans so near
+to each other have no rest between them."""
 LEARNED_FACINGS = 4
 """More facings of one example add little to those of the others, and take time."""
 BLEND_FRACTIONS = (0.5, 0.75, 1.0)
@@ -100,8 +100,8 @@ def rows_of_examples(
 def rows_of_streams(
     streams: Sequence[Stream], traces: Sequence[Floats32], movements: int, rate_hz: float
 ) -> Iterator[Rows]:
-    """All frames of continuous recordings, thinned to ROWS_PER_S."""
-    hop = max(round(rate_hz / ROWS_PER_S), 1)
+    """All frames of continuous recordings, thinned as an observer judges them."""
+    hop = hop_of(rate_hz)
     for stream, trace in zip(streams, traces, strict=True):
         at = np.arange(0, len(trace), hop)
         targets = targets_of(-1, np.zeros(len(at)), movements)
