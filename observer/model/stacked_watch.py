@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from observer.features import REFERENCE_HZ
 from observer.model.base import Onset, Watch
 from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
 from observer.model.movement_segment import MovementSegment
@@ -18,11 +19,6 @@ from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
     from observer.model.stacked import Stacked
-
-TURN_S = 5.0
-"""In this time the facing that was last known is forgotten, if nothing shows it."""
-FORGET_PER_S = 0.15
-"""The share of a posterior that returns to the prior in a second without sight."""
 
 
 class StackedWatch(Watch):
@@ -51,13 +47,14 @@ class StackedWatch(Watch):
         self._answers: Floats = np.append(np.zeros(movements), 1.0)
         self._judged: Floats = np.full(movements, 1 / movements)
         self._something_else = 1 / (movements + 1)
+        self._kept = (1 - header.parameters["forget"]) ** (REFERENCE_HZ / header.rate_hz)
+        """The share that is left after a frame that does not show it, of the posterior and of a facing."""
         self._doubt = 1.0
         """The weight of the prior in the posterior, which grows while nobody is seen; 1 before the first sight."""
         self.instant: Instants | None = None
         """What the members say since the last classification; None before the first."""
         facings = model.phase.facings
         self._facing: Floats = np.full(facings, 1.0 / facings)
-        self._turned = 1 - math.exp(-1 / (TURN_S * header.rate_hz))
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
@@ -93,7 +90,7 @@ class StackedWatch(Watch):
             self._segment.update(resting, self._answers, len(self._rows))
             self._left -= 1
         else:
-            self._doubt = 1 - (1 - self._doubt) * (1 - FORGET_PER_S / self._model.header.rate_hz)
+            self._doubt = 1 - (1 - self._doubt) * self._kept
         self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
         if seen:
             self._follow(begun)
@@ -118,7 +115,7 @@ class StackedWatch(Watch):
             # While the phase filter does not run, people turn.
             joint = None if self._phase is None else self._phase.joint
             facing = np.full_like(self._facing, 1.0 / len(self._facing)) if joint is None else joint.sum(axis=0)
-            self._facing += (facing - self._facing) * (self._turned if joint is None else 1.0)
+            self._facing += (facing - self._facing) * (1 - self._kept if joint is None else 1.0)
 
     def _classify(self, over: bool) -> None:
         model = self._model
