@@ -8,20 +8,27 @@ import numpy as np
 from observer.tracking.back_projection import SkinPatch
 from observer.tracks import Floats
 
-FRAMES = 3
-"""A candidate is accepted after this many frames in a row."""
-LEAP = 1.2
-"""Farthest distance that a candidate may move between two frames, face widths."""
+FRAMES, PRESENT_S = 3, 0.13
+"""A candidate is accepted after this many frames in a row, or after two that are as far apart as three of 15 Hz."""
+LEAP, SPEED = 1.2, 18.0
+"""Farthest that a candidate may move between two frames, face widths; in frames that are rare, face widths per s: as
+far as that at 15 Hz, some 2.7 m/s."""
 MOVED = 0.3
 """Least share of a candidate's pixels that moved, in each of its frames: a lamp or a cupboard does not move."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A patch, and for how many frames in a row it was present."""
+    """A patch, and for how many frames in a row, and seconds, it was present."""
 
     patch: SkinPatch
-    frames: int
+    frames: int = 1
+    seconds: float = 0.0
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it was present for long enough to be a hand."""
+        return self.frames >= FRAMES or (self.frames > 1 and self.seconds >= PRESENT_S)
 
 
 class HandAcquisition:
@@ -30,23 +37,26 @@ class HandAcquisition:
     def __init__(self) -> None:
         self._candidates: list[Candidate] = []
 
-    def update(self, patches: Sequence[SkinPatch], face: float) -> list[SkinPatch]:
-        """Patches that may be hands -> the accepted ones, best first; `face`: face width in px."""
-        candidates = []
+    def update(self, patches: Sequence[SkinPatch], face: float, seconds: float) -> list[SkinPatch]:
+        """Patches that may be hands -> the accepted ones, best first.
+
+        face: face width, px. seconds: since the frame before.
+        """
+        candidates, reach = [], max(LEAP, SPEED * seconds) * face
         previous = list(self._candidates)
         for patch in patches:
             if patch.moved < MOVED:
                 continue
-            near = [c for c in previous if _distance(c.patch.centre, patch.centre) < LEAP * face]
-            frames = 1
+            near = [c for c in previous if _distance(c.patch.centre, patch.centre) < reach]
+            candidate = Candidate(patch)
             if near:
                 nearest = min(near, key=lambda c: _distance(c.patch.centre, patch.centre))
                 previous = [c for c in previous if c is not nearest]
-                frames += nearest.frames
-            candidates.append(Candidate(patch, frames))
+                candidate = Candidate(patch, nearest.frames + 1, nearest.seconds + seconds)
+            candidates.append(candidate)
         self._candidates = candidates
         best_first = sorted(candidates, key=lambda c: (-c.frames, -c.patch.area))
-        return [c.patch for c in best_first if c.frames >= FRAMES]
+        return [c.patch for c in best_first if c.is_lasting]
 
     def forget(self) -> None:
         """Drop all candidates."""

@@ -69,7 +69,7 @@ class HandTracker:
         self._check_names(head, face, seconds)
         if findable:
             self._acquire_resting(image, head, face, seconds)
-            self._acquire_moving([p for p in pieces if _outside(p.centre, head, GROWN * face)], head, face)
+            self._acquire_moving([p for p in pieces if _outside(p.centre, head, GROWN * face)], head, face, seconds)
         else:
             self._acquisition.forget()
 
@@ -147,11 +147,11 @@ class HandTracker:
             if row in missing and _is_apart(patch.centre, occupied, face):
                 self._acquire(row, patch, face)
 
-    def _acquire_moving(self, pieces: Sequence[SkinPatch], head: Floats, face: float) -> None:
+    def _acquire_moving(self, pieces: Sequence[SkinPatch], head: Floats, face: float, seconds: float) -> None:
         free = [row for row in (LEFT, RIGHT) if self._is_free(row, face)]
         occupied = [p.filter.centre for p in self.parts if p.filter is not None and p.state is State.SEEN]
         pieces = [p for p in pieces if _is_apart(p.centre, occupied, 0.7 * face)]
-        hands = self._acquisition.update(pieces, face)[: max(len(free), 1)]
+        hands = self._acquisition.update(pieces, face, seconds)[: max(len(free), 1)]
         if len(hands) == 2:
             for row, index in self._name_two(hands).items():
                 self._acquire(row, hands[index], face)

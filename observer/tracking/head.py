@@ -93,8 +93,9 @@ SMALLEST = 20
 FOLLOW_EVERY_S, SEARCH_EVERY_S = 0.3, 0.1
 """Interval of the cascade, the most expensive step, while a head is tracked and when it was just lost."""
 SEARCH_FIRST_S, SEARCH_LATER, SEARCH_LAST_S = 2.0, 0.25, 1.0
-"""When no face was found for the first of these times, the whole picture is searched ever less often: at intervals of
-this share of the time since then, and of the last time at most."""
+"""When no face was found for the first of these times, the whole picture, or the surroundings of a head that is
+followed, are searched ever less often: at intervals of this share of the time since then, and of the last time at
+most."""
 NEAR = 0.6
 """Two detections within this many face widths are the same face; a single one may be false."""
 STRAYED, DOUBTED_S, LOST_S = 1.0, 1.0, 3.0
@@ -150,7 +151,7 @@ class HeadTracker:
         self._since_whole_s += seconds
         self._unconfirmed_s += seconds
         self._headless_s = self._headless_s + seconds if near is None else 0.0
-        interval_s = SEARCH_EVERY_S if near is None else FOLLOW_EVERY_S
+        interval_s = SEARCH_EVERY_S if near is None else _interval_s(FOLLOW_EVERY_S, self._unconfirmed_s)
         due = self._since_search_s >= interval_s - 1e-6 or (near is None and self._candidate)
         if not due or (self._finder is None and near is not None):
             return None
@@ -171,8 +172,7 @@ class HeadTracker:
         if self._away and self._given:
             return []  # a person of known skin colour seen from behind shows no face
         scale = max(1.0, min(picture.shape[:2]) / SHORT_SIDE)
-        later_s = SEARCH_LATER * (self._headless_s - SEARCH_FIRST_S)
-        due = self._since_whole_s >= min(max(SEARCH_EVERY_S, later_s), SEARCH_LAST_S) - 1e-6
+        due = self._since_whole_s >= _interval_s(SEARCH_EVERY_S, self._headless_s) - 1e-6
         # The second look is at the whole picture too: at the place alone, more false faces are found twice.
         if not due and self._candidate is None:
             return []
@@ -219,6 +219,11 @@ class HeadTracker:
     def widen(self, width: float) -> None:
         """Smooth the face width with a new measurement, px."""
         self.face = 0.8 * (self.face or width) + 0.2 * width
+
+
+def _interval_s(first_s: float, faceless_s: float) -> float:
+    """The interval of the cascade when no face was found for so long."""
+    return min(max(first_s, SEARCH_LATER * (faceless_s - SEARCH_FIRST_S)), SEARCH_LAST_S)
 
 
 def middle(box: Box) -> Floats:
