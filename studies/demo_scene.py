@@ -15,10 +15,10 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.model_file import write_model
-from observer.motion.archive import MotionArchive, Recording, movements_in, subjects_in
+from observer.motion.archive import MotionArchive, Recording, movements_in, resample, subjects_in
 from observer.motion.archive_file import write_archive
 from observer.tracking.camshift import CamshiftTracker
-from studies.demo_films import SIZE_PX, FilmedCorner, FilmRate, film_performance
+from studies.demo_films import RATES_HZ, SIZE_PX, FilmedCorner, FilmRate, film_performance
 from studies.output_files import make_folder, write_text
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.trials import strung
@@ -130,15 +130,20 @@ def _learn_corner(corner: str, performance: Performance, folder: Path) -> None:
 
 
 def _save_skin(performance: Performance, file: Path) -> None:
-    """As `labanmesh look --view door --save-skin`: the corner cameras see no frontal face to learn the skin from."""
-    camera = FilmedCorner("front", performance.learned.body_parts, performance.stream, "door", file, 0)
+    """As `labanmesh look --view door --save-skin`: the corner cameras see no frontal face to learn the skin from.
+
+    The skin is learned from the whole performance: from the first face alone, it may have colours of the room, too, and
+    a camera from which the person stands before these finds no head.
+    """
+    stream = resample(performance.stream, RATES_HZ[0])
+    camera = FilmedCorner("front", performance.learned.body_parts, stream, "door", file, 0)
     for size_px in (SIZE_PX, LARGE_PX):
         tracker = CamshiftTracker()
         for frame in camera.frames(size_px):
             tracker.update(frame)
-            if tracker.skin is not None:
-                tracker.skin.save(file)
-                return
+        if tracker.skin is not None:
+            tracker.skin.save(file)
+            return
     raise LabanmeshError(f"{performance.title}: no face detected from the front; labanmesh demo --no-pixels needs none")
 
 
