@@ -105,7 +105,10 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
     onset = Onset(known=section.onset == "known", length=inputs.length)
     # Also of motion at the model's own rate, of which frames are skipped when the observer is too slow.
     resampler = Resampler(header.rate_hz)
-    return Observer(inputs.tracker, model, onset, resampler, _facet_reader(scene, observer, header, inputs))
+    facets = _facet_reader(scene, observer, header, inputs)
+    # As often as posteriors stay fresh.
+    judged_s = 0.0 if inputs.keeps_all else scene.fusion.fresh_s
+    return Observer(inputs.tracker, model, onset, resampler, facets, judged_s)
 
 
 def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs") -> "ObserverLike":

@@ -25,12 +25,13 @@ from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
 from observer.model.posterior_calibration import calibrated_posterior
 from observer.motion.even_rate import INTERVALS, is_bridged, usual_interval_s
+from observer.runtime.hurry import Hurry
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 TINY = 1e-300
 """Divisor for movements that have no probability."""
 LONGEST_GAP_S = 3.0
-"""A longer gap counts as this long: by then the filter has forgotten all that it can forget."""
+"""A longer gap counts as this long: by then the filter has forgotten all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,7 @@ class Posterior:
     frame. facets: distributions over the values of facets (common.facets), where available. facing: (M, K)
     P(facing | movement), None for a model with one facing. unlearned: probability that the movement is none of the
     vocabulary, None if the model cannot tell. repetitions: of the likeliest movement, None unless it is periodic.
+    judged: whether the newest frame is judged too; an observer in a hurry only follows some of them.
     """
 
     p: Floats
@@ -52,6 +54,7 @@ class Posterior:
     facing: Floats | None = None
     unlearned: float | None = None
     repetitions: float | None = None
+    judged: bool = True
 
 
 class Resampler:
@@ -118,7 +121,7 @@ class Observer:
     """Steps 3 to 6 of docs/design/README.md: tracks the body parts, reads features and updates the filter.
 
     resampler: brings frames to the model's rate; None if they arrive at it. facets: reads Effort and Shape at that
-    rate.
+    rate. judged_s: how often an observer judges the movement that is too slow for all frames (`Hurry`).
     """
 
     def __init__(
@@ -128,16 +131,16 @@ class Observer:
         onset: Onset | None = None,
         resampler: Resampler | None = None,
         facets: FacetReader | None = None,
+        judged_s: float = 0.0,
     ) -> None:
         self._tracker, self._resampler, self._facets = tracker, resampler, facets
         self._model, self._onset = model, onset or Onset()
         self.watch = model.watch(self._onset)
         """The model's state, whose posterior is not calibrated."""
-        self._ended = False
-        self._calibration = model.header.calibration
+        self._ended, self._calibration = False, model.header.calibration
         self.vocabulary: Vocabulary = model.header.vocabulary
         self.body_parts, self.leans_on = model.header.body_parts, region_shares(model.header)
-        self._frames = 0
+        self._frames, self._hurry = 0, Hurry(judged_s)
         self.tracks: Tracks | None = None
 
     @property
@@ -154,24 +157,21 @@ class Observer:
             return self._posterior(self.tracks)
         if self._ended:
             self._begin_again()
-        self.tracks = self._tracker.update(frame)
+        self.tracks, judged = self._tracker.update(frame), self._hurry.judges(frame)
         instants = [self.tracks] if self._resampler is None else self._resampler.update(frame.at_ns, self.tracks)
         for n, tracks in enumerate(instants, 1):
             # An observer that is too slow must not spend on the instants between its frames what it has not.
-            passed = frame.skipped > 0 and n < len(instants)
+            passed = not judged or (frame.skipped > 0 and n < len(instants))
             (self.watch.pass_over if passed else self.watch.update)(tracks)
             if self._facets is not None:
                 self._facets.update(tracks, self.watch.rest)
         self._frames += len(instants)
         if frame.last:
             self._end()
-        return self._posterior(self.tracks)
+        return self._posterior(self.tracks, judged)
 
     def end(self) -> Posterior | None:
-        """The posterior now that the source has ended, and with it the movement.
-
-        None before the first frame, and if the last frame was known to be the last: its posterior was this one.
-        """
+        """The posterior now that source and movement have ended; None without a frame, or if the last was known."""
         if self.tracks is None or self._ended:
             return None
         self._end()
@@ -186,13 +186,13 @@ class Observer:
         if self._resampler is not None:
             self._resampler.restart()
 
-    def _posterior(self, tracks: Tracks) -> Posterior:
+    def _posterior(self, tracks: Tracks, judged: bool = True) -> Posterior:
         visible = dict(zip(self._tracker.body_parts, tracks.visible.tolist(), strict=True))
-        facets = {} if self._facets is None else self._facets.facets
+        facets, repetitions = {} if self._facets is None else self._facets.facets, self.watch.repetitions
         joint, unlearned = calibrated_posterior(self.watch, self._calibration)
         p: Floats = joint.sum(axis=1)
         facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
-        return Posterior(p, self.watch.rest, self._frames, visible, facets, facing, unlearned, self.watch.repetitions)
+        return Posterior(p, self.watch.rest, self._frames, visible, facets, facing, unlearned, repetitions, judged)
 
 
 MAX_CHANGE = 0.01

@@ -195,7 +195,8 @@ def serve(
             publisher.follow(observer.vocabulary)
             status.leans_on = observer.leans_on
             now_ns = clock()
-            sent = posterior is not None and publisher.publish(posterior, frame.captured_ns, now_ns)
+            news = posterior if posterior is not None and posterior.judged else None
+            sent = news is not None and publisher.publish(news, frame.captured_ns, now_ns)
             age_s = (now_ns - frame.captured_ns) / SECOND_NS
             record_frame(age_s, time.monotonic() - begun_s, sent, frame.skipped)
             status.record_frame(frame.captured_ns, now_ns)

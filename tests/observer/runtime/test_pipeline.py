@@ -157,6 +157,15 @@ def test_of_the_instants_between_frames_that_were_skipped_only_the_newest_is_cla
     assert (watch.frames, watch.passed) == (5, 2) and [p.frames for p in posteriors] == [1, 3, 6, 7]
 
 
+def test_an_observer_in_a_hurry_follows_more_frames_than_it_judges():
+    observer = Observer(PassThrough(), model := CountingModel(), resampler=Resampler(10.0), judged_s=0.25)
+    posteriors = [observer.step(each) for each in (frame(0), frame(2, skipped=1), frame(3), frame(5, skipped=1))]
+    (watch,) = model.watches
+    assert [p.judged for p in posteriors] == [True, False, True, False]
+    assert (watch.frames, watch.passed) == (2, 4) and [p.frames for p in posteriors] == [1, 3, 4, 6]
+    assert observer.step(frame(6, last=True)).judged, "the last word"
+
+
 def test_an_observer_without_frames_has_no_last_word():
     assert Observer(PassThrough(), CountingModel()).end() is None
 
