@@ -1,13 +1,16 @@
 """Gives a group of processes a share of processor time: by a quota of the kernel, or else beside busy processes.
 
-1. Where the cpu controller of cgroups can be written (root), the group gets exactly its share, in slices of PERIOD_S.
+1. Where the cpu controller of cgroups can be written (root), the group gets exactly its share, in slices of PERIOD_S,
+   on as many cores as that takes. On more, the kernel would give a small quota to one core at a time, in slices of 5
+   ms, and processes on the others would wait for ever so long.
 2. Elsewhere all processes of the group are pinned to one core, on which busy processes run as well.
 """
 
+import math
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -37,9 +40,11 @@ class ProcessorShare:
             self._crowd(cores)
             return
         _set_quota(self._folder, cores)
-        for pid in _family(self._root):
+        family, used = _family(self._root), sorted(os.sched_getaffinity(0))[: math.ceil(cores)]
+        for pid in family:
             with suppress(ProcessLookupError):
                 (self._folder / "cgroup.procs").write_text(str(pid))
+        _pin(family, used)
 
     def free(self) -> None:
         """Give the processes the whole machine again."""
@@ -47,6 +52,7 @@ class ProcessorShare:
             self._stack.close()
         else:
             _set_quota(self._folder, os.cpu_count() or 1)
+            _pin(_family(self._root), os.sched_getaffinity(0))
 
     def spent_s(self) -> float:
         """Processor time of all processes that run now, seconds."""
@@ -54,9 +60,7 @@ class ProcessorShare:
 
     def _crowd(self, cores: float) -> None:
         core, family = min(os.sched_getaffinity(0)), _family(self._root)
-        for pid in family:
-            with suppress(ProcessLookupError):
-                os.sched_setaffinity(pid, {core})
+        _pin(family, (core,))
         # Each runnable process gets the same share of the core; most of the family is runnable when time is short.
         for _ in range(round(len(family) * max(1 / cores - 1, 0))):
             busy = self._stack.enter_context(subprocess.Popen([sys.executable, "-c", BUSY]))  # noqa: S603 - our own words
@@ -87,6 +91,17 @@ def _new_group() -> Path | None:
             return folder
         folder.rmdir()
     return None
+
+
+def _pin(family: Iterable[int], cores: Iterable[int]) -> None:
+    """All threads of these processes run on these cores only."""
+    chosen = set(cores)
+    for pid in family:
+        # A process or a thread may have ended meanwhile.
+        with suppress(OSError):
+            for thread in Path(f"/proc/{pid}/task").iterdir():
+                with suppress(OSError):
+                    os.sched_setaffinity(int(thread.name), chosen)
 
 
 def _set_quota(folder: Path, cores: float) -> None:
