@@ -4,7 +4,8 @@ The design: fusion.md, "Who may say that the person rests".
 
 1. The pooled rest is the median over the observers whose posterior is pooled, each weighted by its freshness and by the
    trust in its rest. The rule's weights play no part: an observer that cannot tell two movements apart still sees that
-   the person moves.
+   the person moves. But one whose labels the others contradict so far that it is named (CONTRADICTED) may be hostile,
+   and its rest counts less in proportion: at a pause within a movement a single voice decides what rest is.
 2. If two contradict each other and nothing shows which of them is wrong, the pooled rest stays as it was until they
    agree, so that no movement is cut into pieces.
 3. If no posterior is pooled, the last rest probabilities of observers that disappeared lately are used, because the
@@ -242,7 +243,11 @@ class RestPool(RestTrust):
 
     def pool(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> float:
         """The probability that the person is at rest."""
-        rest = pooled_rest(posteriors, self.update(posteriors, now_ns))
+        trust = self.update(posteriors, now_ns)
+        if min([posterior.reliability for posterior in posteriors]) < CONTRADICTED:
+            labels = [min(posterior.reliability / CONTRADICTED, 1.0) for posterior in posteriors]
+            trust = [own * label for own, label in zip(trust, labels, strict=True)]
+        rest = pooled_rest(posteriors, trust)
         if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR:
             self._last = rest
         return self._last

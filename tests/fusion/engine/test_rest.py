@@ -192,6 +192,15 @@ def test_contested_rest_stays_until_the_two_agree_again():
     assert states[-1] == (True, pytest.approx(0.95)), "long contested, and they agree now"
 
 
+@pytest.mark.parametrize(
+    ("reliability", "rest"), [(0.001, 0.6), (0.6, 0.7), (1.0, 0.7)], ids=["named", "hardly", "full"]
+)
+def test_one_whose_labels_the_others_contradict_does_not_decide_on_a_pause(reliability, rest):
+    honest = [aged_rest(n, own, 1.0) for n, own in enumerate((0.4, 0.6, 0.8))]
+    hostile = replace(aged_rest(3, 0.97, 1.0), reliability=reliability)
+    assert RestPool().pool([*honest, hostile], STEP_NS) == pytest.approx(rest)
+
+
 def test_a_clock_that_was_set_back_begins_anew():
     trust = RestTrust()
     for n in range(60):
