@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from common.probability import SMALLEST, Floats
+from common.probability import Floats
 
 PARTICIPATION_BITS = 0.05
 """An observer participates fully from this divergence from the prior, below it in proportion."""
@@ -118,19 +118,6 @@ class Rule:
             return self.pool_movements(p, prior, trust)
         weighed = self.weigh(p, prior, trust)
         return RuleResult(self.mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
-
-
-def divergence_from_prior(p: Floats, ratio: Floats) -> Floats:
-    """(..., N, M) posteriors, their ratios to the prior -> (..., N) Kullback-Leibler divergence in bits, 0 or more."""
-    # As guarded_product.py computes it, to the last bit: shares of almost nothing depend on it.
-    bits: Floats = np.maximum(p * np.log(ratio + SMALLEST) @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
-    return bits
-
-
-def shares_of(amounts: Floats) -> Floats:
-    """(..., N) amounts, at least 0 -> their shares of the sum along the last axis; equal shares of 0."""
-    total = sum_last(amounts)[..., None]
-    return np.where(total > 0, amounts / np.maximum(total, SMALLEST), 1.0 / amounts.shape[-1])
 
 
 def uncertainty(p: Floats) -> Floats:

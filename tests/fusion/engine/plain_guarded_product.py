@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from common.probability import SMALLEST
 from fusion.engine.guarded_product import (
     BETA,
     EPSILON,
@@ -11,10 +12,9 @@ from fusion.engine.guarded_product import (
     believed_by,
 )
 from fusion.engine.weighing import (
+    NATS_TO_BITS,
     PARTICIPATION_BITS,
     PoolingWeights,
-    divergence_from_prior,
-    shares_of,
     similarity,
     sum_last,
     uncertainty,
@@ -61,3 +61,15 @@ def _hypotheses(w, ratio, prior, participation):
     mass = np.exp(np.minimum(BETA * (log_z - log_z[..., :1]), EXPONENT_LIMIT))
     mass[..., 1:] *= odds[..., None] * participation
     return mass / sum_last(mass)[..., None]
+
+
+def divergence_from_prior(p, ratio):
+    """(..., N, M) posteriors, their ratios to the prior -> (..., N) Kullback-Leibler divergence in bits, 0 or more."""
+    # As guarded_product.py computes it, to the last bit: shares of almost nothing depend on it.
+    return np.maximum(p * np.log(ratio + SMALLEST) @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
+
+
+def shares_of(amounts):
+    """(..., N) amounts, at least 0 -> their shares of the sum along the last axis; equal shares of 0."""
+    total = sum_last(amounts)[..., None]
+    return np.where(total > 0, amounts / np.maximum(total, SMALLEST), 1.0 / amounts.shape[-1])
