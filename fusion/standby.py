@@ -23,7 +23,7 @@ HANDOVER_TIMEOUT_S = 1.0
 """An owner that does not answer a handover request for this long is assumed to publish no more."""
 VOCABULARY_TIMEOUT_S = 1.0
 TIMES_EVERY_S = 10.0
-"""Observers learn from more takes seldom; which durations they know then is asked so often."""
+"""Observers learn from more takes seldom; which durations they know then is asked so often, or with the clocks."""
 DECODE_EVERY_S = 1.0
 """A listener that only keeps the last messages decodes one judgement per second; the others count as heartbeats."""
 
@@ -143,6 +143,7 @@ class VocabularyLookup:
     def __init__(self, scene: Scene, service: Service, present: Presence | None = None) -> None:
         """present: the observers that are there, if the caller knows them already."""
         self._scene, self._ticks = scene, service.ticks
+        self._times_every_s = max(TIMES_EVERY_S, service.ask_clocks_s)
         self._session = service.link.sub_session(polled=True)
         self._present = present or self._session.presence(
             scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
@@ -170,7 +171,7 @@ class VocabularyLookup:
         if self._is_complete:
             answers = [vocabulary for vocabulary, fusion in self._usable(self._payloads, digest) if fusion is None]
             self._times, self._is_complete = agreed_times(answers) if answers else self._times, False
-        self._ask(TIMES_EVERY_S)
+        self._ask(self._times_every_s)
         return self._times
 
     def _usable(self, payloads: Iterable[bytes], digest: str | None) -> Iterator[tuple[Vocabulary, str | None]]:
