@@ -132,7 +132,8 @@ class JudgementMessage(Message):
     continues from it. `why` explains in a line for people why the movement in progress has no verdict yet; it is
     omitted once the movement is decided, and at rest. `epoch` is one higher than that of the fusion service before: of
     two services that publish, the one with the lower epoch stops. `session` is random per process. `repetitions`: of a
-    periodic movement so far. While no vote is counted or stale, `label` is empty, `agreement` 0 of 0, `p` the prior.
+    periodic movement so far; `partial_repetitions`: how many of them went less far than usual. While no vote is
+    counted or stale, `label` is empty, `agreement` 0 of 0, `p` the prior.
     """
 
     scene: Identifier
@@ -154,6 +155,7 @@ class JudgementMessage(Message):
     epoch: Count | None = None
     session: Id | None = None
     repetitions: Count | None = None
+    partial_repetitions: Count | None = None
 
 
 class Contribution(MessagePart):

@@ -76,12 +76,24 @@ class Facing(Struct, frozen=True, kw_only=True, gc=False):
         require_table(self.surprise)
 
 
+class Repeated(Struct, frozen=True, kw_only=True, gc=False):
+    """More about `repetitions`. partial: how many of them went less far than usual, in periods. swing: body sizes from
+    one turning point to the next as the takes show it in this view; the more, the better the view can count."""
+
+    partial: Annotated[float, Meta(ge=0)] = 0.0
+    swing: Annotated[float, Meta(ge=0)] = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.partial) and math.isfinite(self.swing)):
+            raise NotFinite("repeated has a value that is not finite")
+
+
 class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """The posterior of one observer: `p` over the vocabulary's movements, cumulative since the movement began.
 
     `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
-    `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic. In version
-    2 `scene` and `observer` may be omitted, because the key carries them.
+    `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic;
+    `repeated` says more about them. In version 2 `scene` and `observer` may be omitted, because the key carries them.
 
     Raises ValueError for what is no distribution.
     """
@@ -104,6 +116,7 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
     facing: Facing | None = None
     facets: dict[str, Probabilities] | None = None
     repetitions: Annotated[float, Meta(ge=0)] | None = None
+    repeated: Repeated | None = None
 
     def __post_init__(self) -> None:
         if self.v == 1 and (self.scene is None or self.observer is None):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from common.messages import PosteriorMessage, VoteState
+from common.posterior import Repeated
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
 from fusion.engine.trust import HONEST, information_of
 
@@ -45,7 +46,7 @@ class AgedPosterior:
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
     labels and its course (trust.py). correlations: with other observers, learned from verdicts (trust.py).
-    freshness: k of rules 3 and 7, 0 to 1. repetitions: as published. answers: `answers_of` it, if it is known.
+    freshness: k of rules 3 and 7, 0 to 1. repetitions, repeated: as published. answers: `answers_of` it, if known.
     """
 
     observer: str
@@ -62,6 +63,7 @@ class AgedPosterior:
     freshness: float = 1.0
     repetitions: float | None = None
     answers: Floats | None = None
+    repeated: Repeated | None = None
 
     @property
     def information(self) -> float:

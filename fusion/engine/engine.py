@@ -13,13 +13,14 @@ from common.message_types import LAST_INTEGER
 from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
+from fusion.engine.count_pool import counted_in, repetitions_of
 from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
-from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of, repetitions_of
+from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of
 from fusion.engine.trust import Reliability, learn_from_verdict
 from fusion.engine.verdicts import (
     NO_BASES,
@@ -111,8 +112,7 @@ class FusionEngine:
     def change_vocabulary(self, vocabulary: Vocabulary, now_ns: int) -> Sequence[VerdictMessage]:
         """Fuse posteriors in `vocabulary` from now on; returns the end of a decided movement, in the old one.
 
-        A movement that is not decided yet gets no verdict. What was learned about the observers is forgotten: it was
-        learned about their old models.
+        A movement that is not decided yet gets no verdict. What was learned about the observers' models is forgotten.
         """
         decision, verdicts = self._segmenter.end_now(now_ns), list[VerdictMessage]()
         if decision is not None and (basis := self._bases.get(decision.decided_ns)) is not None:
@@ -158,7 +158,7 @@ class FusionEngine:
         missing = missing_of(posteriors) if self._segmenter.waits else []
         state = PooledState(
             now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, captured_ns, not missing,
-            repetitions_of(ballot.label, ballot.votes.values()) if self._segmenter.counts(ballot.label) else None,
+            repetitions_of(ballot.label, posteriors, ballot.votes) if self._segmenter.counts(ballot.label) else None,
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
@@ -194,12 +194,12 @@ class FusionEngine:
             return
         if not isinstance(judgement, VerdictMessage):
             ongoing = judgement.movement
-            movement = None if ongoing is None else progress_of(ongoing, judgement.repetitions)
+            movement = None if ongoing is None else progress_of(ongoing, counted_in(judgement))
             outage_ns = None if ongoing is None else ongoing.outage_ns
             self._segmenter.follow(movement, last_capture_ns(judgement), outage_ns)
             self._keep_bases(self._bases)
             return
-        progress = None if judgement.ended_ns is not None else progress_of(judgement, judgement.repetitions)
+        progress = None if judgement.ended_ns is not None else progress_of(judgement, counted_in(judgement))
         self._segmenter.follow(progress, judgement.at_ns)
         self._keep_bases({**self._bases, judgement.decided_ns: VerdictBasis(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
@@ -214,7 +214,7 @@ class FusionEngine:
         decided = own is not None and own.decision is not None
         if decided or movement is None or movement.label is None or judgement.vocabulary.hash != self.vocabulary.digest:
             return False
-        self._segmenter.follow(progress_of(movement, judgement.repetitions))
+        self._segmenter.follow(progress_of(movement, counted_in(judgement)))
         return True
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:

@@ -24,6 +24,7 @@ from common.messages import (
 )
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
+from fusion.engine.count_pool import RepetitionCount, repetition_fields
 from fusion.engine.guarded_product import TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -121,7 +122,7 @@ class JudgementBuilder:
         movement: OngoingMovement | None,
         why: str | None,
         stamp: Stamp,
-        repetitions: int | None = None,
+        repetitions: RepetitionCount | None = None,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
         if pooled.facing is not None:
@@ -146,7 +147,7 @@ class JudgementBuilder:
             "why": why if movement is None or movement.label is None else None,
             "epoch": stamp.epoch,
             "session": stamp.session,
-            "repetitions": repetitions,
+            **repetition_fields(repetitions),
         }
         return unchecked(JudgementMessage, fields)
 

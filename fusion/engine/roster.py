@@ -212,7 +212,7 @@ class Roster:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record, trust)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            trust, record.correlations, freshness, message.repetitions, state.answers,
+            trust, record.correlations, freshness, message.repetitions, state.answers, message.repeated,
         )  # fmt: skip
         return fresh if freshness == 1.0 else faded(fresh, self.prior)
 

@@ -37,6 +37,7 @@ from dataclasses import replace
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.count_pool import RepetitionCount
 from fusion.engine.segment_conditions import (
     CLEAR_REST,
     ENDING,
@@ -91,7 +92,7 @@ class Segmenter(Conditions):
         return replace(self.movement, decision=None) if self.movement is not None and self.waits else self.movement
 
     @property
-    def repetitions(self) -> int | None:
+    def repetitions(self) -> RepetitionCount | None:
         """How often the movement in progress has been done so far, if it is periodic and its label is published."""
         return None if self.decision is None or self.waits else self.decision.repetitions
 

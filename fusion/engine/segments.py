@@ -2,15 +2,14 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from math import floor
-from statistics import median
 from typing import NamedTuple
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import LONGEST_STAY, PAUSE_S, MovementTimes
-from common.messages import JudgementMessage, VerdictStage, Vote
+from common.messages import JudgementMessage, VerdictStage
 from common.vocabulary import Vocabulary
+from fusion.engine.count_pool import RepetitionCount
 from fusion.engine.roster import AgedPosterior
 
 NO_TIMES = MovementTimes()
@@ -41,7 +40,7 @@ class PooledState:
     observed: bool = True
     newest_capture_ns: int | None = None
     complete: bool = True
-    repetitions: int | None = None
+    repetitions: RepetitionCount | None = None
 
     @property
     def idle(self) -> bool:
@@ -64,7 +63,7 @@ class MovementDecision:
     stage: VerdictStage = "decided"
     revises: str | None = None
     revisions: int = 0
-    repetitions: int | None = None
+    repetitions: RepetitionCount | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +155,6 @@ def pauses_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Pause]:
 def missing_of(posteriors: Iterable[AgedPosterior]) -> list[str]:
     """The observers of the roster that have sent nothing yet."""
     return [each.observer for each in posteriors if each.age_s is None and each.state == "silent"]
-
-
-def repetitions_of(label: str, votes: Iterable[Vote]) -> int | None:
-    """How often `label` has been done so far: the median of the counts of the observers that vote for it."""
-    counts = [vote.repetitions for vote in votes if vote.repetitions is not None and vote.label == label]
-    return floor(median(counts) + 0.5) if counts else None
 
 
 def last_capture_ns(judgement: JudgementMessage) -> int:

@@ -14,6 +14,7 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.probability import Floats
+from fusion.engine.count_pool import RepetitionCount, repetition_fields
 from fusion.engine.messages import PublishedFacets, Stamp
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -78,7 +79,7 @@ def build_verdict(
     fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
     fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
     fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
-    fields |= {"repetitions": decision.repetitions}
+    fields |= repetition_fields(decision.repetitions)
     return VerdictMessage.model_validate(fields)
 
 
@@ -89,7 +90,9 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
     return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
 
 
-def progress_of(message: OngoingMovement | VerdictMessage, repetitions: int | None = None) -> MovementProgress:
+def progress_of(
+    message: OngoingMovement | VerdictMessage, repetitions: RepetitionCount | None = None
+) -> MovementProgress:
     """The inverse of `JudgementBuilder.ongoing`. repetitions: of the movement so far."""
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.posterior import Repeated
 from common.text import nearest
 from common.vocabulary import Vocabulary
 from observer.geometry.placement import PersonPlacement
@@ -162,6 +163,11 @@ class Watch(Protocol):
     @property
     def repetitions(self) -> float | None:
         """Periods of the likeliest movement since it began; None unless its takes are periodic."""
+        return None
+
+    @property
+    def repeated(self) -> Repeated | None:
+        """More about them; None if nothing is counted."""
         return None
 
     @property

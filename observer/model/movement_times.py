@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from common.message_types import MovementTimes
 from observer.model.base import Header, StreamSpan
-from observer.model.periodicity import Oscillation, oscillation_of
+from observer.model.periodicity import Oscillation, oscillation_of, with_other_side
 from observer.model.training_memory import TrainingMemory, trace_in
 from observer.model.training_rows import AFTERGLOW_S
 from observer.tracks import Floats
@@ -78,5 +78,6 @@ def oscillations_of(header: Header, memory: TrainingMemory) -> dict[int, Oscilla
         if times is not None and times.period_s is not None:
             oscillation = oscillation_of(_takes_of(movement, memory, header.rate_hz), header.rate_hz)
             if oscillation is not None:
-                oscillations[movement] = replace(oscillation, rest_s=times.rest_s)
+                known = replace(oscillation, rest_s=times.rest_s)
+                oscillations[movement] = with_other_side(known, header.body_parts)
     return oscillations

@@ -7,7 +7,7 @@ once, and over the part of a take where it is highest (docs/design/model.md).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -103,12 +103,14 @@ def _sums_over(values: Floats, count: int) -> Floats:
 class Oscillation:
     """How a periodic movement goes to and fro.
 
-    axes: (A, 2 P) unit vectors, the strongest first; swing: body sizes from one turning point to the next along the
-    strongest. rest_s: the shortest rest between two takes, None: not known.
+    axes: (A, 2 P) unit vectors, the strongest first, from where takes begin and end to the far side. swings: (A,) body
+    sizes from one turning point to the next along each; swing: along the strongest of each take. rest_s: the shortest
+    rest between two takes, None: not known.
     """
 
     period_s: float
     axes: Floats
+    swings: Floats
     swing: float
     rest_s: float | None = None
 
@@ -125,10 +127,28 @@ def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | Non
     cycles = [without_drift(each, period.lag)[period.begin : period.end] for each, period in shown]
     directions = sum(_directions(each, period.lag) for each, (_, period) in zip(cycles, shown, strict=True))
     axes = np.linalg.eigh(directions)[1].T[::-1][:AXES]
+    axes = axes * _sense([each @ axes.T for each in postures])[:, None]
     # Of a sine.
-    swings = [float((each @ axes.T).std(axis=0).max()) * 2 * math.sqrt(2) for each in cycles]
+    swings = np.array([(each @ axes.T).std(axis=0) * 2 * math.sqrt(2) for each in cycles])
     period_s = float(np.median([period.lag for _, period in shown])) / thinned_hz
-    return Oscillation(period_s, axes, float(np.median(swings)))
+    return Oscillation(period_s, axes, _usual(swings), float(np.median(swings.max(axis=1))))
+
+
+def _usual(swings: Floats) -> Floats:
+    """(A,) the median swing along each axis of the takes, (N, A), that go farthest along it; of all, if none do."""
+    farthest = swings.argmax(axis=1)
+    own = [swings[farthest == axis, axis] for axis in range(swings.shape[1])]
+    return np.array([np.median(each if len(each) else swings[:, axis]) for axis, each in enumerate(own)])
+
+
+def _sense(places: Sequence[Floats]) -> Floats:
+    """(A,) 1, or -1 where takes begin and end at the far side of an axis. places: of each take, (F, A)."""
+    beyond = np.zeros(places[0].shape[1])
+    for each in places:
+        low, high = each.min(axis=0), each.max(axis=0)
+        beyond += ((low + high) - (each[0] + each[-1])) / np.maximum(high - low, SMALLEST)
+    result: Floats = np.where(beyond < 0, -1.0, 1.0)
+    return result
 
 
 def _directions(cycles: Floats, lag: int) -> Floats:
@@ -136,3 +156,21 @@ def _directions(cycles: Floats, lag: int) -> Floats:
     wave = np.exp(-2j * np.pi * np.arange(len(cycles)) / lag) @ cycles
     moment: Floats = np.outer(wave, wave.conj()).real / (float((np.abs(wave) ** 2).sum()) or 1.0)
     return moment
+
+
+def with_other_side(oscillation: Oscillation, body_parts: Sequence[str]) -> Oscillation:
+    """The oscillation with axes for the same movement by the other arm or leg: people choose the side.
+
+    Left and right parts change places. Seen from the front they also go the other way, from the side they do not, and
+    oblique views are in between: both are added.
+    """
+    place = {name: n for n, name in enumerate(body_parts)}
+    other = [place.get(_other(name), n) for n, name in enumerate(body_parts)]
+    swapped = oscillation.axes.reshape(len(oscillation.axes), -1, 2)[:, other]
+    sides = [(swapped * (sign, 1.0)).reshape(oscillation.axes.shape) for sign in (1.0, -1.0)]
+    return replace(oscillation, axes=np.concatenate([oscillation.axes, *sides]), swings=np.tile(oscillation.swings, 3))
+
+
+def _other(name: str) -> str:
+    side, _, part = name.partition("_")
+    return {"left": f"right_{part}", "right": f"left_{part}"}.get(side, name)

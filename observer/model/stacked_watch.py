@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from common.posterior import Repeated
 from observer.features import REFERENCE_HZ
 from observer.model.base import Onset, Watch
 from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
@@ -169,6 +170,11 @@ class StackedWatch(Watch):
     def repetitions(self) -> float | None:
         """Periods of the likeliest movement since it began; None unless its takes are periodic."""
         return None if self._repetitions is None else self._repetitions.count(int(self._judged.argmax()))
+
+    @property
+    def repeated(self) -> Repeated | None:
+        """How many of them are partial, and how far the movement swings in this view."""
+        return None if self._repetitions is None else self._repetitions.repeated(int(self._judged.argmax()))
 
     @property
     def rest(self) -> float:

@@ -1,14 +1,4 @@
-"""One observer's computation, from a frame to a posterior and the message that carries it. No network and no clock.
-
-Rules of `SendOnChange`:
-
-1. A posterior is sent at once if the most probable movement, its repetitions, the side of 0.5 of rest or of
-   `unlearned`, or whether any body part is seen differs from the last one sent.
-2. It is sent if one of its distributions has moved by more than MAX_CHANGE since then: movements (with their facings,
-   where these are sent), rest, `unlearned`, and each facet. Receivers are therefore never further off than that.
-3. It is sent after `heartbeat_s` at the latest, so that no receiver takes the observer for silent or the posterior for
-   stale.
-"""
+"""One observer's computation, from a frame to a posterior and the message that carries it. No network and no clock."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -18,6 +8,7 @@ import numpy as np
 
 from common import SECOND_NS
 from common.messages import Facing, PosteriorMessage, VocabularyHash
+from common.posterior import Repeated
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
@@ -41,9 +32,9 @@ class Posterior:
     p: (M,) posterior over the vocabulary, cumulative since the movement began. rest: probability that the person is at
     rest. frames: number of frames so far, at the model's rate. visible: per body part, whether it is seen in the newest
     frame. facets: distributions over the values of facets (common.facets), where available. facing: (M, K)
-    P(facing | movement), None for a model with one facing. unlearned: probability that the movement is none of the
-    vocabulary, None if the model cannot tell. repetitions: of the likeliest movement, None unless it is periodic.
-    judged: whether the newest frame is judged too; an observer in a hurry only follows some of them.
+    P(facing | movement), None for a model with one facing. unlearned: P(none of the vocabulary), None if the model
+    cannot tell. repetitions, repeated: of the likeliest movement, None unless it is periodic. judged: whether the
+    newest frame is judged too; an observer in a hurry only follows some of them.
     """
 
     p: Floats
@@ -54,6 +45,7 @@ class Posterior:
     facing: Floats | None = None
     unlearned: float | None = None
     repetitions: float | None = None
+    repeated: Repeated | None = None
     judged: bool = True
 
 
@@ -188,23 +180,20 @@ class Observer:
 
     def _posterior(self, tracks: Tracks, judged: bool = True) -> Posterior:
         visible = dict(zip(self._tracker.body_parts, tracks.visible.tolist(), strict=True))
-        facets, repetitions = {} if self._facets is None else self._facets.facets, self.watch.repetitions
+        facets = {} if self._facets is None else self._facets.facets
         joint, unlearned = calibrated_posterior(self.watch, self._calibration)
         p: Floats = joint.sum(axis=1)
         facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
-        return Posterior(p, self.watch.rest, self._frames, visible, facets, facing, unlearned, repetitions, judged)
-
-
-MAX_CHANGE = 0.01
-"""Total variation distance. Half of the largest value that changed no label of a verdict on the training subjects
-1, 3, 5, 7, 9 of MSR Action3D, each observed with models of the others."""
+        watch, frames = self.watch, self._frames
+        counts = watch.repetitions, watch.repeated
+        return Posterior(p, watch.rest, frames, visible, facets, facing, unlearned, *counts, judged)
 
 
 class PosteriorEncoder:
     """Makes an observer's numbered messages; each start of the observer has a new session.
 
-    directed: whether the observer's direction is known, so that others can use its facings. The message leaves out the
-    scene and the observer, which the key contains, and `visible` if all parts are seen.
+    directed: whether the observer's direction is known, so that others can use its facings. The message leaves out
+    what the key contains, and `visible` if all parts are seen.
     """
 
     def __init__(self, vocabulary: Vocabulary | None, session: str, directed: bool = True) -> None:
@@ -241,60 +230,7 @@ class PosteriorEncoder:
             facing=None if facing is None else Facing(surprise=encode_facing(facing).tolist()),
             facets={name: p.tolist() for name, p in posterior.facets.items()} or None,
             repetitions=posterior.repetitions,
+            repeated=posterior.repeated,
         )
         self.seq += 1
         return message
-
-
-@dataclass(frozen=True, slots=True)
-class Summary:
-    """What is compared of a posterior: `discrete` must not change at all, `distributions` by MAX_CHANGE at most."""
-
-    discrete: tuple[object, ...]
-    distributions: Mapping[str, Floats]
-
-    @classmethod
-    def of(cls, posterior: Posterior, directed: bool) -> "Summary":
-        """directed: whether facings are sent too."""
-        p, unlearned = posterior.p, posterior.unlearned
-        facing = posterior.facing if directed else None
-        joint = p if facing is None else p[:, None] * facing
-        distributions = {"movement": joint.ravel(), "rest": _binary(posterior.rest), **posterior.facets}
-        if unlearned is not None:
-            distributions["unlearned"] = _binary(unlearned)
-        blind = bool(posterior.visible) and not any(posterior.visible.values())
-        sides = (int(p.argmax()), posterior.rest >= 0.5, (unlearned or 0.0) >= 0.5, blind, facing is not None)
-        return cls((*sides, posterior.repetitions), distributions)
-
-
-class SendOnChange:
-    """Decides whether a posterior differs enough from the last one sent; heartbeat_s: longest time without sending."""
-
-    def __init__(self, heartbeat_s: float, directed: bool = True) -> None:
-        self._heartbeat_ns, self._directed = heartbeat_s * SECOND_NS, directed
-        self._sent: tuple[int, Summary] | None = None
-
-    def forget(self) -> None:
-        """Send the next posterior in any case."""
-        self._sent = None
-
-    def should_send(self, posterior: Posterior, captured_ns: int) -> bool:
-        """Whether to send the posterior of the frame captured then; if so, it counts as sent."""
-        summary = Summary.of(posterior, self._directed)
-        if self._sent is not None:
-            sent_ns, last = self._sent
-            if 0 <= captured_ns - sent_ns < self._heartbeat_ns and distance(summary, last) <= MAX_CHANGE:
-                return False
-        self._sent = captured_ns, summary
-        return True
-
-
-def distance(one: Summary, other: Summary) -> float:
-    """Largest total variation distance of the distributions, 0 to 1; infinite if a discrete part differs."""
-    if one.discrete != other.discrete or one.distributions.keys() != other.distributions.keys():
-        return float("inf")
-    return max(float(np.abs(p - other.distributions[name]).sum()) / 2 for name, p in one.distributions.items())
-
-
-def _binary(probability: float) -> Floats:
-    return np.array([probability, 1.0 - probability])

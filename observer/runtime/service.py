@@ -21,7 +21,8 @@ from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 from observer.runtime.fusion_clock import FusionClock
-from observer.runtime.pipeline import Posterior, PosteriorEncoder, SendOnChange
+from observer.runtime.pipeline import Posterior, PosteriorEncoder
+from observer.runtime.send_on_change import SendOnChange
 from observer.tracks import Frame, FrameSource
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
-from observer.runtime.pipeline import Posterior, SendOnChange
+from observer.runtime.pipeline import Posterior
+from observer.runtime.send_on_change import SendOnChange
 from studies.evaluate import EvaluationSettings
 from studies.fusion_engine import FusionEngine, step
 from studies.observing import Extent, observe_folds

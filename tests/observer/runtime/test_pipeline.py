@@ -16,17 +16,8 @@ from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from observer.model.base import Header
-from observer.runtime.pipeline import (
-    LONGEST_GAP_S,
-    MAX_CHANGE,
-    Observer,
-    Posterior,
-    PosteriorEncoder,
-    Resampler,
-    SendOnChange,
-    Summary,
-    distance,
-)
+from observer.runtime.pipeline import LONGEST_GAP_S, Observer, Posterior, PosteriorEncoder, Resampler
+from observer.runtime.send_on_change import MAX_CHANGE, SendOnChange, Summary, distance
 from observer.runtime.service import serve
 from observer.tracks import Frame, Tracks
 
@@ -101,7 +92,7 @@ class CountingWatch:
     """Its posterior is in quarters of its number of frames; after the end, one movement is sure."""
 
     rest, unlearned, joint, p = 0.0, None, None, np.array([0.5, 0.5])
-    repetitions = None
+    repetitions = repeated = None
 
     def __init__(self):
         self.frames = self.passed = 0
