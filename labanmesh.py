@@ -58,6 +58,7 @@ VERBS = {
     "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
     "teach": Verb("hub.teaching.commands", "teach", "teach all observers of a running scene your own movements"),
     "watch": Verb("hub.watch", "watch", "show posteriors, weights and verdicts live in the terminal"),
+    "count": Verb("hub.counting.commands", "count", "count the repetitions of a movement live, with a target"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
     "hub": Verb("hub.mqtt.commands", "hub", "connect scenes to Home Assistant through an MQTT broker"),

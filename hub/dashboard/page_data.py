@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote
+from common.messages import JudgementMessage, OngoingMovement, StatusMessage, VerdictMessage, Vote
 from common.text import plural
 from hub.dashboard.placement import FloorPosition
 from hub.same_id import in_words
@@ -25,6 +25,7 @@ CROWD = 12
 """More observers than this are a list of one line each, with only their most probable label."""
 TEXT_LIMIT = 80
 SENTENCE_LIMIT = 400
+COUNT_LIMIT = 999_999
 NAMES_LIMIT = 6
 """How many observers a sentence names; it counts the others, since a scene may have hundreds."""
 NS_PER_MS = 1_000_000
@@ -91,6 +92,7 @@ def state_data(history: "SceneHistory") -> Json:
         "agreement": None if judgement is None else [judgement.agreement.k, judgement.agreement.n],
         "moving": judgement is not None and judgement.movement is not None,
         "why": None if judgement is None or not judgement.why else _text(judgement.why, SENTENCE_LIMIT),
+        "count": None if judgement is None else _count(judgement, judgement.movement),
         "fused": _ranked(state.fused[:FUSED_SHOWN]),
         **_manner(None if state.waiting else judgement),
         "observers": [_observer(each, history, shown) for each in observers],
@@ -115,6 +117,7 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         "abstain": is_abstention(verdict),
         "began": verdict.began_ns // NS_PER_MS,
         "decided": verdict.decided_ns // NS_PER_MS,
+        "count": _count(verdict, verdict),
         "ended": None if verdict.ended_ns is None else verdict.ended_ns // NS_PER_MS,
         "entropy": rounded(verdict.certainty_bits, 3),
         "agreement": [verdict.agreement.k, verdict.agreement.n],
@@ -125,6 +128,14 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         "votes": [_vote(name, vote, verdict) for name, vote in verdict.votes.items()],
         "why": [_text(sentence, SENTENCE_LIMIT) for sentence in (*reasons(verdict, quorum), *leaning)],
     }
+
+
+def _count(judgement: JudgementMessage, movement: OngoingMovement | VerdictMessage | None) -> Json | None:
+    """How often the movement has been done, if it is repeated."""
+    if judgement.repetitions is None or movement is None or movement.label is None:
+        return None
+    counted = {"done": min(judgement.repetitions, COUNT_LIMIT), "partial": judgement.partial_repetitions or 0}
+    return {"id": movement.id[:TEXT_LIMIT], "label": _text(movement.label), **counted}
 
 
 def _manner(judgement: JudgementMessage | None) -> Json:

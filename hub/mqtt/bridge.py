@@ -17,6 +17,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from common.messages import StatusMessage, VerdictMessage
 from hub.anticipation import NEVER, Anticipation, EarlyWord
+from hub.mqtt.counters import Counters
 from hub.mqtt.entities import Topics, discovery
 from hub.mqtt.events import EVENT_S, Publication, VerdictEvents, early_event, last_verdict_state
 from hub.mqtt.states import RetainedState, SceneSnapshot, reported_facets, retained_states
@@ -71,6 +72,7 @@ class SceneBridge:
         self._published: dict[str, tuple[RetainedState, float]] = {}
         self._status: dict[str, tuple[StatusMessage, float]] = {}
         self._verdict_events = VerdictEvents(topics)
+        self.counters = Counters(topics)
         self._received: deque[_ReceivedVerdict] = deque()
         self._events: deque[_PendingEvent] = deque()
         self._recalled = False
@@ -80,6 +82,8 @@ class SceneBridge:
         """Take a verdict; `answered`: it answers a query, and may be long past."""
         self._add_early(self._anticipation.update(verdict, now_s), now_s)
         self._received.append(_ReceivedVerdict(verdict, answered, now_s))
+        if not answered:
+            self.counters.take(verdict)
         if len(self._received) > WAITING_LIMIT:
             self._verdict_events.remember(self._received.popleft().verdict)
             self.left_out += 1
@@ -106,7 +110,9 @@ class SceneBridge:
         self._take_verdicts(state, now_s)
         snapshot = SceneSnapshot(state, tokens, self._status_ages(state, now_s), self._step_s)
         self._anticipate(snapshot, now_s)
+        self._events.extend(_PendingEvent(event, now_s) for event in self.counters.follow(state))
         wanted = {topic: RetainedState(payload) for topic, payload in self._entities(state).items()}
+        wanted |= self.counters.retained(self._area)
         wanted |= retained_states(self.topics, snapshot, self._observers, self._movements, self._facets)
         wanted |= self._removals(wanted)
         if self._verdict_events.last is not None:
@@ -144,6 +150,7 @@ class SceneBridge:
                 self.topics, self._observers, labels, self._movements, self._area, facets, self._names_early
             )
             self._of_movements |= self.topics.of_labels(labels, self._movements)
+        self._of_movements |= self.counters.topics
         return self._discovery
 
     @property

@@ -31,7 +31,9 @@ DOES, RECOGNISED = "DOES", "RECOGNISED"
 """In the ids of a movement's binary sensor and device trigger."""
 FIRST_WORD = "{{ value_json.event_type if value_json.stage == 'decided' else '' }}"
 """The movement of an event `verdict`, if it is the first word on it."""
-SceneTopic = Literal["availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict"]
+COUNT_PARTS: Mapping[str, str] = {"sensor": "COUNT", "number": "TARGET", "button": "RESET"}
+"""The entities that count a movement, and what each is in their ids."""
+SceneTopic = Literal["availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target"]
 FACET_ICONS: Mapping[str, str] = {
     "effort_time": "mdi:timer-outline",
     "effort_weight": "mdi:weight",
@@ -88,18 +90,27 @@ class Topics:
     @property
     def of_movements(self) -> tuple[str, ...]:
         """A topic filter for each kind of retained message that a movement has of its own; they end with its label."""
-        discovered = [f"{self.discovery}/{kind}/+/config" for kind in ("device_automation", "binary_sensor")]
-        return *discovered, self.movement("+")
+        kinds = ("device_automation", "binary_sensor", *COUNT_PARTS)
+        return *(f"{self.discovery}/{kind}/+/config" for kind in kinds), self.movement("+"), self.count("+")
 
     def is_of_movement(self, topic: str) -> bool:
         """Whether the retained message under `topic` belongs to one movement of this scene."""
-        own = self.trigger(""), self.sensor(""), self.movement("")
+        counts = (self.count_part(component, "") for component in COUNT_PARTS)
+        own = self.trigger(""), self.sensor(""), self.movement(""), self.count(""), *counts
         return topic.startswith(tuple(each.removesuffix("/config") for each in own))
 
     def of_labels(self, labels: Sequence[str], sensors: Sequence[str]) -> frozenset[str]:
         """The topics of the retained messages of these movements; sensors: those with a binary sensor."""
         own = [topic for label in sensors for topic in (self.sensor(label), self.movement(label))]
         return frozenset([*map(self.trigger, labels), *own])
+
+    def count(self, label: str) -> str:
+        """How often this movement has been done; below it the commands `target` and `reset`."""
+        return f"{self.root}/count/{label}"
+
+    def count_part(self, component: str, label: str) -> str:
+        """The discovery message of one of the entities that count this movement."""
+        return f"{self.discovery}/{component}/{self.device()}_{COUNT_PARTS[component]}_{label}/config"
 
     def sensor(self, label: str) -> str:
         """The discovery message of the binary sensor of this movement."""

@@ -133,6 +133,8 @@ class MqttHub:
         await client.publish(self._broker.bridge, ONLINE, qos=1, retain=True)
         await client.subscribe(self._birth_topic)
         for served in self._served:
+            for topic in served.bridge.counters.commands:
+                await client.subscribe(topic)
             served.bridge.recall(None)
             served.bridge.forget()
         log.info("connected to the MQTT broker at %s as %s", self._broker.address, self._broker.identifier)
@@ -168,6 +170,11 @@ class MqttHub:
 
     async def _await_births(self, client: Client) -> None:
         async for message in client.messages:
+            if not message.retain and any(
+                served.bridge.counters.obey(str(message.topic), message.payload) for served in self._served
+            ):
+                self._news.set()
+                continue
             # A retained one is older than our connection, on which everything was published.
             if str(message.topic) == self._birth_topic and message.payload == ONLINE.encode() and not message.retain:
                 log.info("Home Assistant has started: publishing everything again")

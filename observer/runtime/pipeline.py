@@ -52,9 +52,8 @@ class Posterior:
 class Resampler:
     """Resamples tracks from any frame times to a model's fixed rate, by linear interpolation.
 
-    The model therefore sees the same motion from a faster camera, a slower one, or one that drops frames. There is no
-    delay: each instant is returned with the first frame at or after it. Over a gap that is too long for the camera's
-    rate (`observer.motion.even_rate.is_bridged`) nothing is seen.
+    The model therefore sees the same motion from a faster camera, a slower one, or one that drops frames. Each instant
+    is returned with the first frame at or after it. Over a gap (`even_rate.is_bridged`) nothing is seen.
     """
 
     def __init__(self, rate_hz: float) -> None:
@@ -64,8 +63,7 @@ class Resampler:
         self._count = 0
         self._previous: tuple[int, Floats] | None = None
         self._gaps_s: deque[float] = deque(maxlen=INTERVALS)
-        self.interval_s = 0.0
-        """The usual time between two frames; 0 while it is not known."""
+        self.interval_s = 0.0  # the usual time between two frames; 0 while it is not known
 
     def update(self, at_ns: int, tracks: Tracks) -> list[Tracks]:
         """The instants after the previous frame, up to this frame at `at_ns`: any number of tracks (P, 2).
@@ -192,8 +190,7 @@ class Observer:
 class PosteriorEncoder:
     """Makes an observer's numbered messages; each start of the observer has a new session.
 
-    directed: whether the observer's direction is known, so that others can use its facings. The message leaves out
-    what the key contains, and `visible` if all parts are seen.
+    directed: whether its direction is known, so that others can use its facings. What the key contains is left out.
     """
 
     def __init__(self, vocabulary: Vocabulary | None, session: str, directed: bool = True) -> None:

@@ -2,6 +2,7 @@
 import { $, attribute, mark, put, showAdvice, store, stored } from "./elements.js";
 import { MINUTE_MS, layMat, showCharts, watchCharts } from "./charts.js";
 import { clearJudges, showJudges } from "./judges.js";
+import { clearCounter, showCounter } from "./counter.js";
 import { showLast, showList } from "./verdicts.js";
 import { advice, agree, clock, count, labelWords } from "./words.js";
 
@@ -18,7 +19,7 @@ function onSnapshot(whole) {
   put($("scene"), whole.scene);
   $("teach").hidden = !whole.teaches;
   document.title = `${whole.scene}: labanmesh`;
-  if (!same) { clearJudges(); layMat(whole.positions); }
+  if (!same) { clearJudges(); clearCounter(); layMat(whole.positions); }
   if (whole.span !== null) layReplay(whole);
   showList(whole, known.verdicts, null);
   onState(whole.state);
@@ -62,6 +63,7 @@ function requestShow() {
     showHeader(setup, state);
     showAdvice($("advice"), advice(setup, state));
     showLast(verdicts[0], state);
+    showCounter(verdicts, state, (text) => put($("announcement"), text));
     showJudges(setup, state);
     showCharts(setup, state, verdicts, minute);
   });

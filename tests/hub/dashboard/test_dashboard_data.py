@@ -197,3 +197,11 @@ def test_the_reasons_of_an_abstention(make, why):
     assert "none of those they know (90%)" in text and "did not agree" not in text and "a held no movement" in text
     text = why(votes={"a": make.vote(), "b": make.vote("ok")}, **ended)
     assert "did not agree" in text and "a held nthrow and b held ok" in text
+
+
+def test_what_is_repeated_is_counted_live_and_in_the_verdict(make, after):
+    moving = make.moving(decided="ok", repetitions=8, partial_repetitions=2)
+    assert state_data(after(moving))["count"] == {"id": "v1", "label": "ok", "done": 8, "partial": 2}
+    assert state_data(after(make.moving(decided="ok")))["count"] is None, "it is no repeated movement"
+    shown = verdict_data(make.verdict(1, label="ok", repetitions=10**9), after(moving), 1)["count"]
+    assert shown["done"] == 999_999 and shown["partial"] == 0

@@ -1,0 +1,1 @@
+"""Counting repetitions of one movement: a tally with a target, and the verb `labanmesh count`."""

@@ -1,0 +1,33 @@
+// The counter: how often the newest repeated movement has been done, large; a target and a reset that this browser keeps.
+import { $, hide, mark, put, store, stored } from "./elements.js";
+import { words } from "./words.js";
+
+let seen = new Map(), label = null, base = 0, reached = 0, latest = [[], null, () => {}];
+
+export function clearCounter() { seen = new Map(); label = null; base = reached = 0; }
+/* What is in progress counts live, what has ended by its verdict; a movement that is not the newest has its own count. */
+export function showCounter(verdicts, state, announce) {
+  latest = [verdicts, state, announce];
+  const counted = [...verdicts.filter((each) => !each.abstain).map((each) => each.count).reverse(), state.silent ? null : state.count].filter(Boolean);
+  hide($("counter"), counted.length === 0);
+  if (!counted.length) return;
+  const newest = counted[counted.length - 1];
+  if (newest.label !== label) { label = newest.label; base = reached = 0; seen = new Map(); }
+  for (const each of counted) if (each.label === label) seen.set(each.id, each);
+  const all = [...seen.values()], done = total(all, "done") - base, partial = Math.min(total(all, "partial"), done);
+  const target = Number($("target").value) || 0, complete = target > 0 && done > 0 && done % target === 0;
+  put($("counter-title"), words(label));
+  put($("counted"), String(target && done ? (done - 1) % target + 1 : done));
+  const sets = target ? Math.floor(done / target) : 0, parts = [];
+  if (target) parts.push(`of ${target}${sets + !complete > 1 ? `, set ${sets + !complete}` : ""}`);
+  if (partial > 0) parts.push(`${partial} partial`);
+  put($("counted-words"), parts.join(", "));
+  mark($("counter"), "kind", complete ? "complete" : "open");
+  if (sets > reached) announce(`${words(label)}: target reached`);
+  reached = sets;
+}
+const total = (all, field) => all.reduce((sum, each) => sum + each[field], 0);
+$("target").value = stored("target");
+$("target").addEventListener("change", () => { store("target", $("target").value); showAgain(); });
+$("reset").addEventListener("click", () => { base = total([...seen.values()], "done"); for (const each of seen.values()) each.partial = 0; showAgain(); });
+function showAgain() { reached = 0; if (latest[1]) showCounter(...latest); }
