@@ -24,6 +24,7 @@ from common.config_sections import (
     TeachingConfig,
     default_quorum,
 )
+from common.config_watch import WatchConfig
 from common.errors import BadInput, reason_of
 from common.files import expand_home, read_toml
 from common.keys import SceneKeys, identifier
@@ -49,6 +50,7 @@ class Scene(Section):
     hub: HubConfig = HubConfig()
     teaching: TeachingConfig = TeachingConfig()
     metrics: MetricsConfig = MetricsConfig()
+    watch: WatchConfig = WatchConfig()
     _folder: Path | None = PrivateAttr(default=None)
     _models: Path | None = PrivateAttr(default=None)
     _file: Path | None = PrivateAttr(default=None)
@@ -69,6 +71,7 @@ class Scene(Section):
         if strange:
             known = ", ".join(self.vocabulary or ())
             raise BadInput(f"fusion.periodic = {strange[0]!r}: no movement of the vocabulary; known: {known}")
+        self.watch.require_observers(self.observers)
         if self.fusion.quorum > len(self.observers):
             raise BadInput(
                 f"fusion.quorum = {self.fusion.quorum}: the scene has {plural(len(self.observers), 'observer')}, and "

@@ -6,6 +6,7 @@ A service is known by a judgement, and one that stands by, or has just started, 
 
 from collections import OrderedDict
 
+from common.fall_messages import FallMessage
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 
 SERVICES_LIMIT = 64
@@ -27,6 +28,6 @@ class JudgingServices:
         if len(self._heard) > SERVICES_LIMIT:
             self._heard.popitem(last=False)
 
-    def knows(self, verdict: VerdictMessage) -> bool:
-        """Whether the verdict is of a service that was heard of; true before the first one."""
+    def knows(self, verdict: VerdictMessage | FallMessage) -> bool:
+        """Whether the verdict, or the stage of a fall, is of a service that was heard of; true before the first one."""
         return not self._heard or (verdict.fusion, verdict.session) in self._heard

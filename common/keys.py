@@ -44,6 +44,10 @@ class SceneKeys:
         """Liveliness token of an observer."""
         return f"{self.root}/observer/{observer}/alive"
 
+    def posture(self, observer: str = "*") -> str:
+        """What an observer sees of the person's posture, if the scene watches for falls."""
+        return f"{self.root}/observer/{observer}/posture"
+
     def picture(self, observer: str = "*") -> str:
         """Live pictures of an observer. No wildcard of Zenoh covers a part that begins with @: only `@picture` does.
 
@@ -85,6 +89,11 @@ class SceneKeys:
     def verdict(self) -> str:
         """Verdicts: the events of each movement."""
         return f"{self.root}/verdict"
+
+    @property
+    def fall(self) -> str:
+        """Whether somebody has fallen, if the scene watches for it."""
+        return f"{self.root}/fall"
 
     @property
     def vocabulary(self) -> str:

@@ -22,6 +22,7 @@ from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
+from fusion.fall_watch import FallWatch
 from fusion.ownership import Ownership, Role
 from fusion.same_id import SameIdDetector, SameIdWatch, Stance
 from fusion.scene_worker import SceneWorker, Service
@@ -73,6 +74,9 @@ class SceneMember:
         self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
+        self._falls: FallWatch | None = None
+        if scene.watch.fallen is not None:
+            self._falls = FallWatch(scene, service, scene.watch.fallen.after_s)
 
     @property
     def role(self) -> Role:
@@ -100,6 +104,8 @@ class SceneMember:
             if self._request.finished:
                 self.ownership.complete_handover()
         self._follow_role()
+        if self._falls is not None:
+            self._falls.step(self.role is Role.OWNER)
         return self.worker
 
     @property
@@ -115,7 +121,7 @@ class SceneMember:
     def close(self, fault: str = "") -> None:
         """Leave the scene. fault: why the service failed; "": it stops in order."""
         self._status_publisher.set_state("failed" if fault else "stopping", fault)
-        for part in (self.worker, self._listener, self._request, self._lookup, self._session):
+        for part in (self._falls, self.worker, self._listener, self._request, self._lookup, self._session):
             if part is not None:
                 part.close()
 

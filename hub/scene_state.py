@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from common import SECOND_NS
+from common.fall_messages import FallMessage
 from common.message_types import CONTRADICTED
 from common.messages import (
     JudgementMessage,
@@ -30,12 +31,13 @@ REORDERED_NS = SECOND_NS
 """A judgement that is older than the newest by less than this is a late copy; if it is older still, a clock was set."""
 
 SenderRole = Literal["observer", "fusion"]
-SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage
+SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage | FallMessage
 KINDS: Mapping[str, type[SceneMessage]] = {
     "judgement": JudgementMessage,
     "verdict": VerdictMessage,
     "status": StatusMessage,
     "vocabulary": VocabularyMessage,
+    "fall": FallMessage,
 }
 """The last part of a key names the kind of message."""
 
@@ -111,6 +113,7 @@ class SceneState:
     skipped: int = 0
     services: tuple[str, ...] = ()
     same_id_reports: same_id.Reports = field(default_factory=dict)
+    fall: FallMessage | None = None
 
     def at(self, now_ns: int) -> "SceneState":
         """The same knowledge at a later time: only ages change."""
@@ -132,6 +135,8 @@ class SceneState:
                 return self if late else self._with_judgement(message, received_ns)
             case StatusMessage():
                 return self._with_status(message, role, received_ns)
+            case FallMessage():
+                return replace(self, fall=message)
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
                 # Any process may answer a query, also one that uses another vocabulary; it may be the next one.
                 return replace(self, next_vocabulary=message)

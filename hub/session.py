@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
+from common.fall_messages import FallMessage
 from common.inbox import Inbox
 from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
@@ -56,7 +57,7 @@ def listen(
     """
     keys, filters = scene.keys, _Filters()
     state = SceneState(scene.scene, scene.roster, clock(), services=scene.services)
-    events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
+    events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary, keys.fall)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
     newest = link.inbox(keys.judgement, limit=1) if newest_only else None
     services, late = link.presence(keys.fusion_alive(), map(keys.fusion_alive, scene.services)), Inbox()
@@ -132,10 +133,10 @@ def _ingest(
             _require_known(state, message, answered)
     except BadMessage:
         return SceneUpdate(state.reject(), answered=answered)
-    if isinstance(message, VerdictMessage):
+    if isinstance(message, VerdictMessage | FallMessage):
         if not (answered or filters.services.knows(message)):
             return SceneUpdate(state.reject())
-        message = filters.same.take(message)
+        message = filters.same.take(message) if isinstance(message, VerdictMessage) else message
     elif isinstance(message, JudgementMessage):
         filters.services.hear(message)
         message = filters.same.judged(message)

@@ -17,6 +17,7 @@ from rich.live import Live
 from common import SECOND_NS
 from common.command_options import LONGEST_S
 from common.config import read_scene
+from common.fall_messages import FallMessage
 from common.lifecycle import stop_on_signals
 from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
@@ -25,7 +26,7 @@ from hub.anticipation import NEVER, Anticipation, EarlyWord
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
 from hub.terminal import render
-from hub.wording import early_line, judgement_line, verdict_line
+from hub.wording import early_line, fall_line, judgement_line, verdict_line
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -123,13 +124,17 @@ def show_live(
 
 
 def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:
-    """One line for each verdict and each revision, for each early word and its end, and for one judgement a second."""
+    """One line for each verdict and each revision, each early word and its end, each stage of a fall, and for one
+    judgement a second."""
     shown: dict[str, str] = {}
-    shown_ns = 0
+    shown_ns, fall_stage = 0, ""
     anticipation = Anticipation(certainty)
     for update in updates:
         for word in _early_words(anticipation, update):
             print(early_line(word), flush=True)
+        if isinstance(update.message, FallMessage) and update.message.stage != fall_stage:
+            fall_stage = update.message.stage
+            print(fall_line(update.message), flush=True)
         state = update.state
         match update.message:
             case VerdictMessage(id=verdict_id, label=label) as verdict if shown.get(verdict_id) != label:
@@ -149,13 +154,17 @@ def _revision(verdict: VerdictMessage, replaced: str | None) -> VerdictMessage:
 def show_json(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:
     """Each judgement and verdict as one line of JSON: `kind`, then the fields of the wire.
 
-    An early word is a line of the kind `early`, its end one of the kind `confirmed`, `corrected` or `withdrawn`.
+    An early word is a line of the kind `early`, its end one of the kind `confirmed`, `corrected` or `withdrawn`. The
+    stage of the watch for falls is one of the kind `fall` when it changes.
     """
-    anticipation = Anticipation(certainty)
+    anticipation, fall_stage = Anticipation(certainty), ""
     for update in updates:
         for word in _early_words(anticipation, update):
             fields = asdict(word)
             print(json.dumps({"kind": fields.pop("stage"), **fields}), flush=True)
+        if isinstance(update.message, FallMessage) and update.message.stage != fall_stage:
+            fall_stage = update.message.stage
+            print(json.dumps({"kind": "fall", **json.loads(update.message.model_dump_json())}), flush=True)
         if isinstance(update.message, JudgementMessage):
             kind = "verdict" if isinstance(update.message, VerdictMessage) else "judgement"
             # pydantic writes NaN as null; json would write NaN, which other languages cannot read.

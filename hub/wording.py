@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 from common import SECOND_NS
 from common.facets import FACETS
+from common.fall_messages import FallMessage
 from common.messages import JudgementMessage, VerdictMessage, Vote
 from common.text import printable
 from hub.anticipation import EarlyWord
@@ -68,6 +69,12 @@ def calendar_time(at_ns: int) -> datetime | None:
         return datetime.fromtimestamp(at_ns / SECOND_NS, UTC)
     except (ValueError, OverflowError, OSError):
         return None
+
+
+def moment(at_ns: int) -> str | None:
+    """ISO 8601, UTC; None for a time outside the calendar."""
+    time = calendar_time(at_ns)
+    return None if time is None else time.isoformat(timespec="milliseconds")
 
 
 def clock_time(at_ns: int) -> str:
@@ -160,6 +167,22 @@ def verdict_line(verdict: VerdictMessage) -> str:
     phrases = [clock_time(verdict.began_ns), kind, label_words(verdict), agreement(verdict)]
     details = (printable(verdict.why or ""), dissent(verdict), contributed(verdict))
     return "  ".join([*phrases, bits(verdict.certainty_bits), *filter(None, details)])
+
+
+FALL_WORDS = {
+    "unknown": "nobody has been seen up yet",
+    "up": "up",
+    "low": "somebody lies",
+    "fallen": "somebody has fallen",
+}
+
+
+def fall_line(fall: FallMessage) -> str:
+    """A stage of the watch for falls as one line: `14:03:22  fall  somebody has fallen  3 of 4 see it  97%`."""
+    sight = f"{fall.agreement.k} of {fall.agreement.n} see the person lie" if fall.agreement.n else "nobody sees them"
+    sure = "" if fall.lying is None or fall.stage == "up" else percent(fall.lying).strip()
+    text = "up again" if fall.stage == "up" and fall.id else FALL_WORDS[fall.stage]
+    return "  ".join(filter(None, [clock_time(fall.since_ns), "fall", text, sight if fall.stage != "up" else "", sure]))
 
 
 def early_line(word: EarlyWord) -> str:

@@ -169,7 +169,7 @@ def _with_pictures(
 ) -> Iterator["ObserverLike"]:
     """The observer itself or, if its section asks for pictures or clips, the observer with these."""
     section = scene.observer(observer_id)
-    if not (section.picture_hz or section.clips.folder):
+    if not (section.picture_hz or section.clips.folder or scene.watch.fallen):
         yield observer
         return
     from observer.preview.shown_pictures import shown_pictures

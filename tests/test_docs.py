@@ -31,6 +31,8 @@ from common.config_sections import (
     TeachingConfig,
     VirtualConfig,
 )
+from common.config_watch import FallenConfig, WatchConfig
+from common.fall_messages import FallMessage, PostureMessage
 from common.picture_message import PictureMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
@@ -42,7 +44,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
 MESSAGES = {
     kind: getattr(messages, f"{kind.capitalize()}Message")
     for kind in ("posterior", "judgement", "verdict", "status", "vocabulary")
-} | {"picture": PictureMessage}
+} | {"picture": PictureMessage, "posture": PostureMessage, "fall": FallMessage}
 REWRITE = "the last block of docs/reference/wire.md is the command that rewrites it"
 SHELL = {".", "cd", "mkdir"}
 """Shell commands that a block may contain besides ours."""
@@ -293,6 +295,8 @@ SECTIONS = {
     "hub.dashboard": DashboardConfig,
     "metrics": MetricsConfig,
     "teaching": TeachingConfig,
+    "watch": WatchConfig,
+    "watch.fallen": FallenConfig,
 }
 
 

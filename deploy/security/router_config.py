@@ -115,7 +115,7 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
 def _observer(keys: SceneKeys, observer: str, tracks: Sequence[str]) -> Iterator[Rule]:
     """It publishes below its own key, answers for its vocabulary, reads the fusion services' status and its tracks."""
     status = keys.observer_status(observer)
-    yield _rule("ingress", ["put"], [keys.posterior(observer), status, *tracks])
+    yield _rule("ingress", ["put"], [keys.posterior(observer), keys.posture(observer), status, *tracks])
     yield from _answers(keys, [status, keys.vocabulary])
     yield from _lives(keys.observer_alive(observer))
     yield from _queries([keys.fusion_status()])
@@ -141,8 +141,10 @@ def _shares(scene: "Scene", observer: str) -> Iterator[Rule]:
 def _fusion(keys: SceneKeys, fusion: str) -> Iterator[Rule]:
     """It publishes judgements, verdicts, the vocabulary and its status, and answers for these and its handover."""
     status = keys.fusion_status(fusion)
-    yield _rule("ingress", ["put"], [keys.judgement, keys.votes, keys.verdict, keys.vocabulary, status])
-    yield from _answers(keys, [keys.judgement, keys.verdict, status, keys.vocabulary, keys.fusion_handover(fusion)])
+    yield _rule("ingress", ["put"], [keys.judgement, keys.votes, keys.verdict, keys.fall, keys.vocabulary, status])
+    yield from _answers(
+        keys, [keys.judgement, keys.verdict, keys.fall, status, keys.vocabulary, keys.fusion_handover(fusion)]
+    )
     yield from _lives(keys.fusion_alive(fusion))
 
 

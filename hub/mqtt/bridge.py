@@ -49,7 +49,7 @@ class SceneBridge:
     """What is due for one scene. Times are seconds of a clock that only advances.
 
     movements: those with a binary sensor, ALL for each. step_s: seconds between two judgements at most. certainty: how
-    probable a movement must be to be named before it is decided.
+    probable a movement must be to be named before it is decided. falls: whether the scene watches for falls.
     """
 
     def __init__(
@@ -60,10 +60,11 @@ class SceneBridge:
         area: str = "",
         step_s: float = 0.1,
         certainty: float = NEVER,
+        falls: bool = False,
     ) -> None:
         self.topics, self._wanted_movements, self.left_out = topics, movements, 0
         self._observers, self._area, self._step_s = observers, area, step_s
-        self._names_early = certainty < NEVER
+        self._names_early, self._falls = certainty < NEVER, falls
         self._anticipation = Anticipation(certainty)
         self._facets: frozenset[str] = frozenset()
         self._labels: tuple[str, ...] = ()
@@ -147,7 +148,14 @@ class SceneBridge:
         if labels != self._labels or facets != self._facets or not self._discovery:
             self._labels, self._facets = labels, facets
             self._discovery = discovery(
-                self.topics, self._observers, labels, self._movements, self._area, facets, self._names_early
+                self.topics,
+                self._observers,
+                labels,
+                self._movements,
+                self._area,
+                facets,
+                self._names_early,
+                self._falls,
             )
             self._of_movements |= self.topics.of_labels(labels, self._movements)
         self._of_movements |= self.counters.topics
@@ -221,7 +229,8 @@ def bridge_of(scene: "Scene", bridge: str) -> SceneBridge:
             known = ", ".join(vocabulary.labels)
             raise BadInput(f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {known}")
     step_s, certainty = 1 / scene.fusion.step_hz, scene.hub.certainty
-    return SceneBridge(topics_of(scene, bridge), scene.roster, config.movements, config.area, step_s, certainty)
+    falls = scene.watch.fallen is not None
+    return SceneBridge(topics_of(scene, bridge), scene.roster, config.movements, config.area, step_s, certainty, falls)
 
 
 def require_one_broker(scenes: "Sequence[Scene]") -> None:

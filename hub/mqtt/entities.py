@@ -33,7 +33,9 @@ FIRST_WORD = "{{ value_json.event_type if value_json.stage == 'decided' else '' 
 """The movement of an event `verdict`, if it is the first word on it."""
 COUNT_PARTS: Mapping[str, str] = {"sensor": "COUNT", "number": "TARGET", "button": "RESET"}
 """The entities that count a movement, and what each is in their ids."""
-SceneTopic = Literal["availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target"]
+SceneTopic = Literal[
+    "availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target", "fallen", "fall"
+]  # fmt: skip
 FACET_ICONS: Mapping[str, str] = {
     "effort_time": "mdi:timer-outline",
     "effort_weight": "mdi:weight",
@@ -172,12 +174,15 @@ def discovery(
     area: str,
     facets: frozenset[str] = frozenset(),
     early: bool = False,
+    falls: bool = False,
 ) -> dict[str, str]:
     """Topic and payload for each entity and device trigger of the scene; events and triggers need `labels`.
 
     movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
+    falls: whether the scene watches for falls.
     """
     entities = [*_scene(topics, movements, facets), *_events(topics, labels, early)]
+    entities += _falls(topics) if falls else []
     entities += [entity for observer in observers for entity in _observer(topics, observer)]
     return dict([*(entity.discovery(topics, area) for entity in entities), *_triggers(topics, labels, area)])
 
@@ -228,6 +233,17 @@ def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> 
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
         yield Entity("binary_sensor", DOES, _title(label), settings, available, label=label)
+
+
+def _falls(topics: Topics) -> list[Entity]:
+    """The alarm, which stays as it is while the watch is away: it may have been the last thing that was seen."""
+    attributes = {"json_attributes_topic": topics.of("fall")}
+    alarm = {"state_topic": topics.of("fallen"), "device_class": "safety", "icon": "mdi:human-fall"} | attributes
+    posture = _word(topics.of("fall"), "stage") | {"icon": "mdi:human"}
+    return [
+        Entity("binary_sensor", "FALLEN", "Fallen", alarm, (topics.bridge,)),
+        Entity("sensor", "POSTURE", "Posture", posture, (topics.bridge, topics.of("availability"))),
+    ]
 
 
 def _observer(topics: Topics, observer: str) -> Iterator[Entity]:

@@ -19,7 +19,7 @@ from common.messages import VerdictMessage, VerdictStage
 from hub.anticipation import EarlyWord
 from hub.mqtt.entities import Topics
 from hub.mqtt.states import confidence, facet_poles, facing_degrees, unlearned, votes
-from hub.wording import calendar_time, rounded
+from hub.wording import moment, rounded
 
 EVENT_S = 30.0
 HISTORY_LIMIT = 64
@@ -117,12 +117,6 @@ def recalled_ns(payload: bytes | str) -> int | None:
         return None
     said_ns = fields.get("said_ns") if isinstance(fields, dict) else None
     return said_ns if isinstance(said_ns, int) else None
-
-
-def moment(at_ns: int) -> str | None:
-    """ISO 8601, UTC; None for a time outside the calendar."""
-    time = calendar_time(at_ns)
-    return None if time is None else time.isoformat(timespec="milliseconds")
 
 
 def _facts(verdict: VerdictMessage) -> dict[str, Any]:

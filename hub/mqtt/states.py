@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from common.facets import FACETS
+from common.fall_messages import FallMessage
 from common.messages import JudgementMessage, Vote
 from common.vocabulary import ABSTAIN
 from hub.anticipation import probability
 from hub.mqtt.entities import FACING, Topics
 from hub.scene_state import ObserverState, SceneState, is_waiting
-from hub.wording import facing, leanings, rounded
+from hub.wording import facing, leanings, moment, rounded
 
 REST: Final = "rest"
 UNDECIDED: Final = "undecided"
@@ -86,6 +87,8 @@ def retained_states(
 
 def _scene(topics: Topics, snapshot: SceneSnapshot, movements: Sequence[str]) -> Iterator[tuple[str, RetainedState]]:
     yield topics.of("availability"), RetainedState(ONLINE if snapshot.judged else OFFLINE)
+    if snapshot.state.fall is not None:
+        yield from _fall(topics, snapshot.state.fall)
     judgement = snapshot.state.judgement
     decided = judgement.movement.label if judgement and judgement.movement else None
     for label in movements:
@@ -96,6 +99,20 @@ def _scene(topics: Topics, snapshot: SceneSnapshot, movements: Sequence[str]) ->
         urgent = now["movement"], word["stage"]
         yield topics.of("state"), RetainedState(_json(now | word), urgent, FAST_S)
         yield topics.of("votes"), RetainedState(_json(votes(judgement) | word), urgent, SLOW_S)
+
+
+def _fall(topics: Topics, fall: FallMessage) -> Iterator[tuple[str, RetainedState]]:
+    """Before somebody has been seen up there is no state, and one that an earlier hub has left stays."""
+    if fall.stage != "unknown":
+        yield topics.of("fallen"), RetainedState("ON" if fall.stage == "fallen" else "OFF")
+    fields = {
+        "stage": fall.stage,
+        "id": fall.id,
+        "since": moment(fall.since_ns),
+        "confidence": None if fall.lying is None else round(100 * fall.lying),
+        "agreement": f"{fall.agreement.k} of {fall.agreement.n}",
+    }
+    yield topics.of("fall"), RetainedState(_json(fields), fall.stage, SLOW_S)
 
 
 def _now(judgement: JudgementMessage) -> dict[str, Any]:

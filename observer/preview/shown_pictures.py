@@ -1,4 +1,4 @@
-"""An observer whose pictures are shared as the scene file asks: the live picture, and a clip of each verdict."""
+"""An observer whose pictures are used as the scene file asks: live pictures, clips of verdicts, the watch for falls."""
 
 import logging
 import time
@@ -14,6 +14,7 @@ from common.errors import LabanmeshError
 from observer.preview.clip_folder import ClipFolder
 from observer.preview.clips import VerdictClips
 from observer.preview.live_picture import LivePicture
+from observer.preview.posture_outlet import PostureOutlet
 from observer.preview.screen import picture_in
 from observer.preview.small_picture import Sighting
 from observer.runtime.pipeline import Posterior
@@ -64,6 +65,11 @@ def shown_pictures(
         arrived = link.inbox(keys.verdict, keys.fusion_status())
         outlets.append(VerdictClips(arrived, folder, observer_id, clips.seconds, lambda: observer.vocabulary))
         log.info("%s: a clip of each verdict in %s", observer_id, folder.path)
+    if scene.watch.fallen is not None:
+        posture = PostureOutlet(
+            link.publisher(keys.posture(observer_id)), scene.watch.fallen.leave_out.get(observer_id, ())
+        )
+        outlets.append(posture)
     with ExitStack() as stack:
         for outlet in outlets:
             stack.callback(outlet.close)

@@ -41,8 +41,8 @@ OUTSIDE_WORLD = {
 IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
-        "fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker fusion.server "
-        "fusion.standby hub.capture hub.dashboard.pictures hub.session hub.watch "
+        "fusion.fall_watch fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker "
+        "fusion.server fusion.standby hub.capture hub.dashboard.pictures hub.session hub.watch "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
         "labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
     ),

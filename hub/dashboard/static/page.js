@@ -1,5 +1,5 @@
 // The page: takes server-sent events and shows what was decided, the judges and the charts.
-import { $, attribute, mark, put, showAdvice, store, stored } from "./elements.js";
+import { $, attribute, hide, make, mark, part, put, showAdvice, store, stored } from "./elements.js";
 import { MINUTE_MS, layMat, showCharts, watchCharts } from "./charts.js";
 import { clearJudges, showJudges } from "./judges.js";
 import { clearCounter, showCounter } from "./counter.js";
@@ -61,12 +61,23 @@ function requestShow() {
     const { setup, state, verdicts, minute } = known;
     if (!setup || !state) return;
     showHeader(setup, state);
+    showFall(state);
     showAdvice($("advice"), advice(setup, state));
     showLast(verdicts[0], state);
     showCounter(verdicts, state, (text) => put($("announcement"), text));
     showJudges(setup, state);
     showCharts(setup, state, verdicts, minute);
   });
+}
+/* The alarm stays until somebody is seen up: nobody in sight does not end it. */
+function showFall(state) {
+  const fall = state.fall, lies = fall !== null && (fall.stage === "low" || fall.stage === "fallen");
+  hide($("fall"), !lies);
+  if (!lies) return;
+  mark($("fall"), "kind", fall.stage);
+  const [k, n] = fall.agreement, word = fall.stage === "fallen" ? "Somebody has fallen" : "Somebody lies";
+  const sight = n ? `${k} of ${count(n, "judge")} ${n === 1 ? "sees" : "see"} it` : "nobody is seen now";
+  part($("fall"), [word, fall.since, k, n], () => [make("p", "verdict", word), make("p", "quiet", `since ${clock(fall.since)}, ${sight}`)]);
 }
 const LINKS = { capture: "capture", waiting: "waiting for a referee", silent: "referee silent", unobserved: "waiting for observers", live: "live" };
 function showHeader(setup, state) {

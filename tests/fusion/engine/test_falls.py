@@ -1,0 +1,89 @@
+"""The stages of the watch for falls, from the evidence of several observers."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from fusion.engine.falls import FallDetector, pooled
+
+AFTER_S = 1.5
+LYING = st.one_of(st.none(), st.floats(0, 1))
+
+
+def stages(*moments, after_s=AFTER_S):
+    """The stage after each (time in s, evidence of one or more observers)."""
+    detector = FallDetector(after_s)
+    return [detector.update(dict(enumerate(_list(p))), round(at * 1e9)).stage for at, p in moments]
+
+
+def _list(p):
+    return p if isinstance(p, list) else [p]
+
+
+def every(begin, end, p, step=0.1):
+    return [(begin + n * step, p) for n in range(round((end - begin) / step))]
+
+
+def test_who_lies_for_long_enough_has_fallen_and_gets_up_again():
+    result = stages(*every(0, 1, 0.0), *every(1, 4, 0.9), *every(4, 6, 0.1))
+    assert result[9] == "up" and result[10] == "low" and result[24] == "low"
+    assert result[25] == result[39] == result[45] == "fallen" and result[-1] == "up"
+
+
+def test_who_lies_for_a_moment_has_not_fallen():
+    assert "fallen" not in stages(*every(0, 1, 0.0), *every(1, 2.3, 0.9), *every(2.3, 5, 0.1))
+
+
+def test_who_lies_from_the_start_has_not_fallen():
+    assert set(stages(*every(0, 9, 0.9))) == {"unknown"}
+
+
+def test_one_of_two_that_see_the_person_is_not_enough_and_the_only_one_is():
+    assert "low" not in stages(*every(0, 1, [0.0, 0.0]), *every(1, 9, [1.0, 0.2]))
+    assert stages(*every(0, 1, [0.0, 0.0]), *every(1, 9, [1.0, None]))[-1] == "fallen"
+    assert stages(*every(0, 1, [0.0, 0.0]), *every(1, 9, [1.0, 0.9]))[-1] == "fallen"
+
+
+def test_two_of_five_are_not_enough():
+    assert "low" not in stages(*every(0, 1, [0.0] * 5), *every(1, 9, [1.0, 1.0, 0.0, 0.0, 0.0]))
+
+
+def test_a_person_who_is_lost_while_they_lie_still_lies():
+    assert stages(*every(0, 1, 0.0), *every(1, 1.6, 0.9), *every(1.6, 9, None))[-1] == "fallen"
+
+
+def test_a_glance_before_the_person_is_lost_is_no_fall():
+    assert "fallen" not in stages(*every(0, 1, 0.0), *every(1, 1.1, 0.9), *every(1.1, 9, None))
+
+
+def test_an_alarm_does_not_end_because_nobody_is_seen():
+    result = stages(*every(0, 1, 0.0), *every(1, 4, 0.9), *every(4, 60, None), *every(60, 62, 0.0))
+    assert result[-25] == "fallen" and result[-1] == "up"
+
+
+def test_falls_are_numbered():
+    detector = FallDetector(AFTER_S)
+    for at, p in [*every(0, 1, 0.0), *every(1, 4, 0.9), *every(4, 6, 0.0), *every(6, 9, 0.9)]:
+        state = detector.update({"cam1": p}, round(at * SECOND_NS))
+    assert state.number == 2 and state.stage == "fallen" and state.since_ns == 6 * SECOND_NS and state.n == state.k == 1
+
+
+@given(st.dictionaries(st.sampled_from("abcdef"), LYING))
+def test_the_pooled_evidence_is_what_enough_observers_reach(lying):
+    p, seen = pooled(lying), [each for each in lying.values() if each is not None]
+    if not seen:
+        assert p is None
+        return
+    agree = sum(each >= p for each in seen)
+    assert agree >= min(2, len(seen)) and 2 * agree >= len(seen) and p in seen
+
+
+@given(st.lists(st.tuples(st.floats(0, 5), st.lists(LYING, max_size=4)), max_size=60))
+def test_nobody_falls_from_any_other_stage_than_low(steps):
+    detector, at_s, before = FallDetector(AFTER_S), 0.0, "unknown"
+    for passed_s, lying in steps:
+        at_s += passed_s
+        state = detector.update(dict(enumerate(lying)), round(at_s * SECOND_NS))
+        if state.stage == "fallen":
+            assert before in ("low", "fallen") and at_s * SECOND_NS - state.since_ns >= AFTER_S * SECOND_NS - 1
+        before = state.stage
