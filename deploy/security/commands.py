@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
+from common.certificate_authority import CERTIFICATE_DAYS
 from common.config import Scene, scene_files
 from common.errors import BadInput
-from deploy.security.authority import CERTIFICATE_DAYS
 from deploy.security.issuing import (
     FOLDER,
     REGISTER,

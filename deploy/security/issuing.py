@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
+from common.certificate_authority import CERTIFICATE_DAYS, KeyPair, issue, make_authority
 from common.config import MeshConfig, Scene, read_scene, scene_files
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import read_text, replace_file, sync_folder
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
-from deploy.security.authority import CERTIFICATE_DAYS, KeyPair, issue, make_authority
 from deploy.security.register import IssuedCertificate, Register, Roles
 from deploy.security.router_config import listening, router_config
 

@@ -113,7 +113,8 @@ def _serve(run: DashboardRun) -> None:
 def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
     from hub.dashboard.access import is_loopback
-    from hub.dashboard.serving import NO_RIGHT, has_right, lan_address
+    from hub.dashboard.serving import NO_RIGHT, has_right
+    from hub.lan import lan_address
 
     if not run.access.teaches:
         return

@@ -42,8 +42,6 @@ NO_RIGHT = (
     "labanmesh secure add SCENE NAME --hub --teach; then copy the new folder here."
 )
 CAPTURE = "This page shows a capture. A running scene is taught with: labanmesh dashboard SCENE --teach"
-ELSEWHERE = ("192.0.2.1", 9)
-"""An address that nobody has; nothing is sent to it."""
 STATE_EVERY_NS = SECOND_NS // 10
 CROWD_EVERY_NS = 3 * SECOND_NS // 10
 """The state of many observers is long, and changes faster than anybody reads it."""
@@ -74,16 +72,6 @@ def bound_socket(address: Address) -> socket.socket:
             f"{LISTEN_KEY} = {str(address)!r}: {reason}; stop the other process or choose another port with "
             "--listen HOST:PORT"
         ) from None
-
-
-def lan_address() -> str:
-    """The address under which other machines reach this one, as far as it knows; its name if it has none."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.connect(ELSEWHERE)
-            return str(probe.getsockname()[0])
-        except OSError:
-            return socket.gethostname()
 
 
 def follow(

@@ -4,13 +4,13 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from common.certificate_authority import issue
 from common.config import read_scene
 from common.link import Link
 from deploy.doctor.findings import worst
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, network_facts
 from deploy.doctor.security import Listener, check_security, listener_for, security_facts
-from deploy.security.authority import issue
 from deploy.security.issuing import create_authority
 from deploy.security.register import Roles
 from deploy.security.router_config import router_config

@@ -14,9 +14,9 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.certificate_authority import issue, make_authority
 from common.credentials import Certificate, check_credentials, read_certificate
 from common.errors import BadInput, LabanmeshError
-from deploy.security.authority import issue, make_authority
 from deploy.security.issuing import create_authority, open_authority, read_scenes
 from deploy.security.register import IssuedCertificate, Register, Roles, as_rows, as_table
 from deploy.security.requested_roles import roles_of

@@ -15,13 +15,13 @@ import zenoh
 from mesh_stage import FakePipeline, believed, first, lay_out
 from processes import SOON_S, until
 
+from common.certificate_authority import issue, make_authority
 from common.config import MeshConfig, read_scene
 from common.errors import LabanmeshError
 from common.link import Link
 from common.messages import JudgementMessage, StatusMessage
 from common.tls import endpoint_fault
 from common.zenoh_settings import ADMITTED, settings
-from deploy.security.authority import issue, make_authority
 from deploy.security.issuing import create_authority
 from deploy.security.register import Register, Roles
 from deploy.security.router_config import router_config

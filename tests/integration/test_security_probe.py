@@ -9,11 +9,11 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from mesh_stage import lay_out
 
+from common.certificate_authority import issue, make_authority
 from common.config import MeshConfig
 from common.link import Link
 from common.tls import endpoint_fault
 from common.zenoh_settings import nested, settings
-from deploy.security.authority import issue, make_authority
 
 NOW = datetime.now(UTC)
 ROUTER, CAMERA = ("router",), ("observer:cam1",)

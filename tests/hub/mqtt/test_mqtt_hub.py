@@ -12,8 +12,8 @@ from played_scene import LABELS, ROOT, hub_section
 from processes import SOON_S
 
 from benchmarks.timing import free_port
+from common.certificate_authority import issue, make_authority
 from common.config import read_scene
-from deploy.security.authority import issue, make_authority
 from hub.home_assistant import home_assistant_advice
 from labanmesh import main
 

@@ -42,8 +42,11 @@ class SignedCertificate:
     expires: datetime
 
 
-def make_authority(scenes: str, now: datetime, days: int = AUTHORITY_DAYS) -> KeyPair:
-    """A new authority that signs itself, valid for `days`; `now` is timezone-aware, `scenes` names it for people."""
+def make_authority(scenes: str, now: datetime, days: int = AUTHORITY_DAYS, only_for: Sequence[str] = ()) -> KeyPair:
+    """A new authority that signs itself, valid for `days`; `now` is timezone-aware, `scenes` names it for people.
+
+    only_for: domains and IP networks; who trusts the authority trusts it for hosts in them alone (RFC 5280, 4.2.1.10).
+    """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _subject(f"labanmesh {scenes}"[:64])
     builder = (
@@ -51,6 +54,8 @@ def make_authority(scenes: str, now: datetime, days: int = AUTHORITY_DAYS) -> Ke
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(_usage("key_cert_sign crl_sign"), critical=True)
     )
+    if only_for:
+        builder = builder.add_extension(x509.NameConstraints(list(map(_network, only_for)), None), critical=True)
     return KeyPair(_pem(builder.sign(key, hashes.SHA256())), _key_pem(key))
 
 
@@ -61,12 +66,13 @@ def issue(
     now: datetime,
     *,
     roles: Sequence[str] = (),
+    server: bool = False,
     days: float = CERTIFICATE_DAYS,
 ) -> SignedCertificate:
     """A certificate for `common_name`, signed by `authority`, valid for `days` but never longer than the authority.
 
-    hosts: DNS names or IP addresses by which its holder is reached. roles: as `Roles.words` has them; only
-    a router may be a TLS server.
+    hosts: DNS names or IP addresses by which its holder is reached. roles: as `Roles.words` has them. server: it may be
+    a TLS server, as a router may.
     """
     signer = x509.load_pem_x509_certificate(authority.certificate)
     signer_key = serialization.load_pem_private_key(authority.key, None)
@@ -74,7 +80,10 @@ def issue(
         raise ValueError("the authority's key is not an elliptic curve key")
     key = ec.generate_private_key(ec.SECP256R1())
     expires = min(now + timedelta(days=days), signer.not_valid_after_utc).replace(microsecond=0)
-    purposes = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if "router" in roles else [])]
+    purposes = [
+        ExtendedKeyUsageOID.CLIENT_AUTH,
+        *([ExtendedKeyUsageOID.SERVER_AUTH] if server or "router" in roles else []),
+    ]
     builder = (
         _builder(_subject(common_name), signer.subject, key.public_key(), now, expires)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -114,6 +123,13 @@ def _host(host: str) -> x509.GeneralName:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
         return x509.DNSName(host)
+
+
+def _network(name: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_network(name))
+    except ValueError:
+        return x509.DNSName(name)
 
 
 def _usage(allowed: str) -> x509.KeyUsage:
