@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 environment = $(PYTHON) deploy/make_environment.py --target '$(or $(MAKECMDGOALS),$@)'
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-install test-mediapipe test-browser guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help install demo test test-install test-mediapipe test-browser phone-files guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 20
@@ -38,6 +38,9 @@ test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, 
 test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers at once
 	@tests/browser/install_chromium.sh $(VENV)
 	@$(BIN)/pytest -q -n0 -rP tests/browser
+
+phone-files: $(VENV)/.ready   ## the pose model for phones' browsers, from npm, into your data folder
+	@$(BIN)/labanmesh phone --fetch
 
 guide-pictures: $(VENV)/.ready   ## the pictures of docs/guide, made anew with the demo's performer: the only pictures in git
 	@tests/browser/install_chromium.sh
@@ -100,7 +103,7 @@ clean:           ## remove all environments and everything built
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(VENV) '.[all,dev]' --packages 69
+	@$(environment) $(VENV) '.[all,dev]' --packages 71
 	@touch $@
 
 $(MEDIAPIPE)/.ready: pyproject.toml
@@ -125,5 +128,5 @@ $(PEERS)/.ready: pyproject.toml
 
 $(TRANSPORTS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(TRANSPORTS) '.[transports,all,dev]' --packages 71
+	@$(environment) $(TRANSPORTS) '.[transports,all,dev]' --packages 73
 	@touch $@

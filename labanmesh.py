@@ -63,6 +63,7 @@ VERBS = {
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
     "hub": Verb("hub.mqtt.commands", "hub", "connect scenes to Home Assistant through an MQTT broker"),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
+    "phone": Verb("hub.phone.commands", "phone", "let a phone be the camera of an observer: only tracks leave it"),
     "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
     "calibrate": Verb(
         "observer.calibration.commands", "calibrate", "make camera files from boards, known points or other formats"
@@ -93,6 +94,7 @@ EXTRAS = {
     "matplotlib": "report",
     "mcap": "capture",
     "aiomqtt": "mqtt",
+    **dict.fromkeys(("websockets", "segno"), "phone"),
     **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), "dashboard"),
 }
 """Libraries that a plain install lacks, and the extra that installs them."""

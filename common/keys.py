@@ -59,6 +59,10 @@ class SceneKeys:
         """Requests to teach an observer. No wildcard of Zenoh covers a part that begins with @."""
         return f"{self.root}/observer/{observer}/@teach"
 
+    def tracks(self, observer: str = "*") -> str:
+        """What a phone tracks for an observer. No wildcard of Zenoh covers a part that begins with @."""
+        return f"{self.root}/observer/{observer}/@tracks"
+
     def fusion_status(self, fusion: str = "*") -> str:
         """Status of a fusion service."""
         return f"{self.root}/fusion/{fusion}/status"

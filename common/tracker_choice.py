@@ -14,6 +14,8 @@ AUTO = "auto"
 STANDARD_INPUT = "-"
 MESH_KEY = "zenoh:"
 """Prefix of a source that is a key on the mesh, under which another program publishes tracks."""
+PHONE = "phone"
+"""A source whose tracks a phone finds in the pictures of its camera, and sends through `labanmesh phone`."""
 POSE_TRACKERS = ("mediapipe", "onnx")
 """Trackers with a pose model."""
 PICTURE_TRACKERS = ("camshift", *POSE_TRACKERS)
@@ -37,7 +39,7 @@ class TrackerChoice:
 
 def content_of(source: str) -> Content:
     """The content of a source's frames, by its name alone."""
-    if source == STANDARD_INPUT or source.startswith(MESH_KEY):
+    if source in (STANDARD_INPUT, PHONE) or source.startswith(MESH_KEY):
         return "tracks"
     return "positions" if Path(source).suffix == ".npz" else "pictures"
 

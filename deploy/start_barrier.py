@@ -20,4 +20,5 @@ def open_start_barrier(folder: Path, scene: Scene) -> Path:
 
 def _is_recording(source: str) -> bool:
     """Whether a source is a file or a folder: no camera, address, or tracks of another program."""
-    return not (source == "-" or source.isdecimal() or source.startswith(("/dev/", "zenoh:")) or "://" in source)
+    elsewhere = source.isdecimal() or source in ("-", "phone") or "://" in source
+    return not (elsewhere or source.startswith(("/dev/", "zenoh:")))

@@ -89,10 +89,11 @@ def _named(source: str, file: Path) -> FirstCamera:
     path = Path(source)
     if path.exists() and not str(path).startswith("/dev/"):
         return FirstCamera(os.path.relpath(path, file.parent), "# A recording.", film=True)
-    if not (source.isdecimal() or source == "-" or "://" in source or source.startswith(("/dev/", "zenoh:"))):
+    elsewhere = source.isdecimal() or source in ("-", "phone") or "://" in source
+    if not (elsewhere or source.startswith(("/dev/", "zenoh:"))):
         raise BadInput(
             f"--source {without_secrets(source)}: no such file or folder; "
-            "name a webcam (0), an address (rtsp://...) or a film"
+            "name a webcam (0), an address (rtsp://...), a film or phone"
         )
     return FirstCamera(source, "# As named with --source.")
 

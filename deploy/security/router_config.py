@@ -24,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from common.keys import SceneKeys
+from common.tracker_choice import MESH_KEY, PHONE
 from common.wire import SIZE_LIMIT
 from common.zenoh_settings import ADMITTED, nested, settings
 from deploy.security.register import IssuedCertificate, Register
@@ -35,8 +36,6 @@ Flow = Literal["ingress", "egress"]
 Rule = dict[str, Any]
 
 ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^/\[\]]+):(?P<port>\d+)(?P<more>[#?].*)?\Z")
-TRACKS = "zenoh:"
-"""The beginning of a source in the scene file whose tracks come over the mesh, on the key that follows."""
 HEAD = """\
 // The router of {scenes}, made by labanmesh secure; do not edit: it is written anew at each change.
 // labanmesh router --config FILE, or zenohd --config FILE
@@ -178,7 +177,9 @@ def _whole(keys: SceneKeys) -> str:
 def _tracks(scene: "Scene", observer: str) -> list[str]:
     """The key of its tracks, if they come over the mesh: its tracker publishes with the same certificate."""
     source = scene.observers[observer].source
-    return [source.removeprefix(TRACKS)] if source.startswith(TRACKS) else []
+    if source == PHONE:
+        return [scene.keys.tracks(observer)]
+    return [source.removeprefix(MESH_KEY)] if source.startswith(MESH_KEY) else []
 
 
 def _rule(flow: Flow, messages: Sequence[str], keys: Sequence[str], permission: str = "allow") -> Rule:

@@ -42,6 +42,8 @@ Take = Callable[[float], list[Line] | None]
 class LineTracks:
     """Turns lines into frames, for both sources below. A bad line is counted in `rejected`, logged and dropped.
 
+    way_out: what to do when no lines come.
+
     Of the lines that wait for an observer that is too slow, the newest is delivered (`FrameSkipper`).
     """
 
@@ -50,6 +52,7 @@ class LineTracks:
     clock: Clock = time.time_ns
     rate_hz: float = NOMINAL_HZ
     body_parts: tuple[str, ...] = BODY_PARTS
+    way_out: str = "is the other tracker running?"
     rejected: int = 0
     _skipper: FrameSkipper = field(default_factory=FrameSkipper)
     _warned_ns: int | None = None
@@ -74,7 +77,7 @@ class LineTracks:
                 if recorded or not self._skipper.skips(arrived_ns, asked_ns, bool(waiting)):
                     yield replace(frame, skipped=self._skipper.count())
             elif self.clock() - newest_ns > SILENCE_S * SECOND_NS:
-                self._set_fault(f"{self.name}: no tracks for {SILENCE_S:g} s; is the other tracker running?")
+                self._set_fault(f"{self.name}: no tracks for {SILENCE_S:g} s; {self.way_out}")
 
     def _parse(self, line: bytes, arrived_ns: int) -> Frame | None:
         if not line.strip():

@@ -16,7 +16,7 @@ import numpy as np
 from common import SECOND_NS
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput
-from common.tracker_choice import MESH_KEY, STANDARD_INPUT, TrackerChoice, chosen_tracker, content_of
+from common.tracker_choice import MESH_KEY, PHONE, STANDARD_INPUT, TrackerChoice, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.picture_size import picture_scale
@@ -29,7 +29,7 @@ from observer.motion.playback import RecordedMotion, Start
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.start_barrier import BARRIER, StartBarrier
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
-from observer.tracks import BODY_PARTS, Frame, FrameSource
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, FrameSource
 
 log = logging.getLogger("labanmesh.observer")
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
@@ -92,8 +92,8 @@ def open_inputs(
     """Open the source and the tracker of `observer`.
 
     wanted: the body parts that its model reads; None: it has no model yet, and all parts that the tracker finds are
-    wanted (hands and head of other programs' tracks). fewer_parts: as in `PreparedTracker`. smooth: as in
-    `TrackerSettings`.
+    wanted (hands and head of other programs' tracks, the whole body of a phone's). fewer_parts: as in
+    `PreparedTracker`. smooth: as in `TrackerSettings`.
 
     Raises BadInput for an unknown observer, source, tracker or view, for files that are missing or invalid, and for a
     tracker that cannot read what the source delivers.
@@ -106,7 +106,7 @@ def open_inputs(
     kind = tracker_named(choice.name, f"{key}.tracker", content)
     pictures = kind.reads == "pictures"
     if content == "tracks":
-        source: FrameSource = _tracks(section.source, report, tuple(wanted or BODY_PARTS))
+        source: FrameSource = _tracks(scene, observer, report, wanted)
     else:
         source = _played(scene, observer, view, pictures, report, _start(environment, observer))
     if section.mirrored and not pictures:
@@ -219,8 +219,14 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: S
     )
 
 
-def _tracks(source: str, report: Report, wanted: tuple[str, ...]) -> PipedTracks | MeshTracks:
+def _tracks(scene: Scene, observer: str, report: Report, wanted: Sequence[str] | None) -> PipedTracks | MeshTracks:
     """Of the wanted parts, whatever their names: another program may follow more of the body, or other things."""
+    source = scene.observer(observer).source
+    if source == PHONE:
+        name, way_out = f"phone {observer}", f"open the page of labanmesh phone {scene.file} {observer} on it"
+        lines = LineTracks(name, report, body_parts=tuple(wanted or WHOLE_BODY), way_out=way_out)
+        return MeshTracks(scene.keys.tracks(observer), lines)
+    wanted = tuple(wanted or BODY_PARTS)
     if source == STANDARD_INPUT:
         return PipedTracks(sys.stdin.buffer, LineTracks("standard input", report, body_parts=wanted))
     key = source.removeprefix(MESH_KEY)

@@ -28,6 +28,8 @@ ONLY_IN = {
     "sse_starlette": "hub/dashboard/*",
     "uvicorn": "hub/dashboard/serving.py hub/dashboard/connections.py",
     "aiomqtt": "hub/mqtt/*",
+    "websockets": "hub/phone/serving.py",
+    "segno": "hub/phone/code_page.py",
     "prometheus_client": "*metrics.py",
     "cv2": "observer/*",
     "matplotlib": "studies/figures/*",
@@ -44,12 +46,13 @@ IMPURE = {
         "fusion.fall_watch fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker "
         "fusion.server fusion.standby hub.capture hub.dashboard.pictures hub.session hub.watch "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
+        "hub.phone.running labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
         "deploy.doctor.machine deploy.doctor.scene_file deploy.scene_lock deploy.start_barrier "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
+        "hub.phone.*_file hub.phone.static_pages "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "observer.runtime.preflight observer.runtime.start_barrier "
@@ -61,6 +64,7 @@ IMPURE = {
         "common.lifecycle common.log_limit common.notify common.progress common.terminal common.tls "
         "deploy.doctor.broker deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher "
         "deploy.make_environment "
+        "hub.lan hub.phone.code_page hub.phone.serving "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
         "hub.teaching.rehearsal hub.teaching.scene_here hub.teaching.terminal hub.teaching.terminal_lesson "
@@ -84,6 +88,8 @@ IMPURE = {
 PURE_ALL_THE_SAME = ("observer.camera.base", "observer.preview.sight", "observer.preview.track_doubts")
 ALLOWED = {
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
+    ("deploy.security.router_config", "common.tracker_choice"): "the names of sources, constants",
+    ("hub.phone.pose_task", "zipfile"): "an archive in memory",
     ("observer.tracking.registry", "pathlib"): "a tracker may be told the name of a file",
     ("observer.motion.sensors", "pathlib"): "a sensor is named with its file",
     ("studies.sensors", "pathlib"): "a sensor is named with its file",

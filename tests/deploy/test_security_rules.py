@@ -201,6 +201,15 @@ def test_tracks_over_the_mesh_are_read_and_published_by_their_observer_alone():
     assert may(control, "cam1.1", "egress", "put", "wristband/tracks")
 
 
+def test_tracks_of_a_phone_are_read_and_published_with_the_certificate_of_their_observer_alone():
+    dojo = scene(cam1="phone")
+    control = access_rules([dojo], register(cam1=Roles(observers=("cam1",)), cam2=Roles(observers=("cam2",))))
+    key = dojo.keys.tracks("cam1")
+    assert may(control, "cam1.1", "ingress", "put", key) and may(control, "cam1.1", "egress", "put", key)
+    assert not may(control, "cam2.1", "ingress", "put", key)
+    assert not zenoh.KeyExpr("**").intersects(zenoh.KeyExpr(key))
+
+
 @pytest.mark.parametrize("wide", ["laban/dojo/**", "**", "*/*/*/*/*", "laban/dojo/observer/cam1/*"])
 def test_no_wildcard_covers_a_picture(wide):
     picture = zenoh.KeyExpr(scene().keys.picture("cam1"))

@@ -15,7 +15,7 @@ from observer.motion.archive_file import write_archive
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.scene_inputs import PLAYBACK_START, open_inputs
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracks import BODY_PARTS, State
+from observer.tracks import BODY_PARTS, WHOLE_BODY, State
 
 STANDING = np.array([[-0.3, 0.9, 0], [0.3, 0.9, 0], [0, 1.65, 0]], np.float32)
 
@@ -111,6 +111,13 @@ def test_a_mediapipe_that_does_not_start_is_replaced_with_one_line(opened, monke
 def test_tracks_of_other_programs(opened, source, kind):
     inputs = opened(source=source)
     assert isinstance(inputs.source, kind) and inputs.tracker.body_parts == BODY_PARTS
+
+
+def test_a_phone_sends_the_whole_body_under_a_key_of_its_own(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "d"\n[observers.cam1]\nsource = "phone"\n')
+    inputs = open_inputs(read_scene(tmp_path / "s.toml", {}), "cam1", None)
+    assert inputs.source.key == "laban/d/observer/cam1/@tracks" and inputs.tracker.body_parts == WHOLE_BODY
+    assert "labanmesh phone" in inputs.source.lines.way_out
 
 
 def test_other_programs_may_send_any_part_that_the_model_reads(tmp_path):

@@ -1,0 +1,87 @@
+"""The page with the QR codes, for the screen of the machine itself: plain HTTP on the loopback interface alone.
+
+A code is made when the page, or the terminal, first shows it, and again when it was used or is too old.
+"""
+
+import html
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import segno
+
+from hub.phone.register import CODE_LIFETIME, PhoneRegister, hash_of
+from hub.phone.register_file import RegisterFile
+from hub.phone.static_pages import HEADERS, Answer
+
+OWN_NAMES = ("localhost", "127.0.0.1", "[::1]")
+RENEW_SHARE = 0.5
+"""A code that is shown has at least this share of its time left."""
+STYLE = (
+    "body{font-family:sans-serif;max-width:60em;margin:2em auto}"
+    "section{display:inline-block;margin:1em 3em 1em 0}svg{width:20em}"
+)
+REFRESH_S = 5
+
+
+@dataclass(slots=True)
+class ShownCodes:
+    """The codes of the observers that have no phone. address: of the page that the codes open, without the code."""
+
+    file: RegisterFile
+    observers: tuple[str, ...]
+    address: str
+    _codes: dict[str, str] = field(default_factory=dict)
+
+    def link(self, observer: str) -> str | None:
+        """The address with a code for `observer`; None while it has a phone."""
+        register = self.file.register
+        if register.phone_of(observer) is not None:
+            return None
+        if not _is_open(register, self._codes.get(observer, "")):
+            self._codes[observer] = self.file.new_code(observer)
+        return f"{self.address}#{self._codes[observer]}"
+
+
+def _is_open(register: PhoneRegister, code: str) -> bool:
+    known = next((each for each in register.codes if each.hash == hash_of(code)), None)
+    soon = datetime.now(UTC) + CODE_LIFETIME * RENEW_SHARE
+    return known is not None and known.used is None and known.expires > soon
+
+
+def terminal_code(link: str) -> str:
+    """The QR code as text for a terminal, dark on light."""
+    import io
+
+    text = io.StringIO()
+    segno.make(link, error="m", micro=False).terminal(text, compact=True, border=2)
+    return text.getvalue()
+
+
+def code_page(codes: ShownCodes, live: Callable[[], Mapping[str, object]], path: str, host: str) -> Answer:
+    """The answer to a request; host: as the browser names this server, which must be this machine's own name."""
+    if host.rpartition(":")[0] not in OWN_NAMES:
+        return Answer(421, b"this page is for this machine only\n")
+    if path != "/":
+        return Answer(404, b"not found\n")
+    parts = [_section(codes, observer, observer in live()) for observer in codes.observers]
+    text = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="{REFRESH_S}">'
+        f"<title>labanmesh: phones</title><style>{STYLE}</style><h1>A phone as a camera</h1>"
+        "<p>Scan the code with the phone's camera. It warns of the certificate once; its page says what to do.</p>"
+        + "".join(parts)
+    )
+    policy = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
+    headers = {**HEADERS, "content-type": "text/html; charset=utf-8", "cache-control": "no-store"}
+    return Answer(200, text.encode(), {**headers, "content-security-policy": policy})
+
+
+def _section(codes: ShownCodes, observer: str, is_live: bool) -> str:
+    link = codes.link(observer)
+    if link is None:
+        phone = codes.file.register.phone_of(observer)
+        name = html.escape(phone.name if phone else "")
+        state = "is here" if is_live else f"is not here now: open {html.escape(codes.address)} on it"
+        return f"<section><h2>{observer}</h2><p>The phone {name} {state}.</p></section>"
+    code = segno.make(link, error="m", micro=False).svg_inline(scale=6, border=3, light="#fff", dark="#000")
+    return f"<section><h2>{observer}</h2>{code}</section>"

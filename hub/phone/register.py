@@ -1,0 +1,122 @@
+"""Which phone is the camera of which observer: codes that work once, and the secrets that phones got for them. Pure.
+
+1. A code names one observer, works once, and until it expires. Only its hash is kept, as of a secret.
+2. A phone that shows a code becomes the observer's phone, and gets a secret by which it comes back. The phone before it
+   is revoked: an observer has one camera.
+3. What is revoked stays listed, and never works again.
+"""
+
+import hashlib
+from datetime import datetime, timedelta
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from common.errors import BadInput
+from common.message_types import Identifier, ShortText
+
+CODE_LIFETIME = timedelta(minutes=15)
+"""Long enough to fetch the phone and to install the authority's certificate."""
+REVOKED_LIMIT = 32
+"""Revoked phones that are still listed; older ones are forgotten, and are refused as unknown."""
+Hash = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class RefusedError(Exception):
+    """Why a phone is not admitted; one line for the person who holds it."""
+
+
+class _Entry(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    observer: Identifier
+    hash: Hash
+
+
+class Code(_Entry):
+    """A code that was shown. used: when a phone showed it; None: not yet."""
+
+    expires: datetime
+    used: datetime | None = None
+
+
+class Phone(_Entry):
+    """A phone. hash: of its secret. name: what its browser calls it. revoked: since when it is refused."""
+
+    name: ShortText
+    joined: datetime
+    revoked: datetime | None = None
+
+
+class PhoneRegister(BaseModel):
+    """All codes and phones of a scene."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    codes: tuple[Code, ...] = ()
+    phones: tuple[Phone, ...] = ()
+
+    def with_code(self, observer: str, code: str, now: datetime) -> "PhoneRegister":
+        """A new code for `observer`, which replaces one that nobody has used; used and expired ones are forgotten."""
+        kept = [each for each in self.codes if each.expires > now and (each.used or each.observer != observer)]
+        new = Code(observer=observer, hash=hash_of(code), expires=now + CODE_LIFETIME)
+        return self.model_copy(update={"codes": (*kept, new)})
+
+    def join(self, code: str, secret: str, name: str, now: datetime) -> "tuple[PhoneRegister, Phone]":
+        """The phone that shows `code` gets `secret`; raises RefusedError."""
+        known = next((each for each in self.codes if each.hash == hash_of(code)), None)
+        if known is None:
+            raise RefusedError("this code is not known, or too old: show a new one with labanmesh phone")
+        if known.used is not None:
+            raise RefusedError("this code was used already: each phone needs a code of its own")
+        if known.expires <= now:
+            raise RefusedError("this code has expired: show a new one with labanmesh phone")
+        phone = Phone(observer=known.observer, hash=hash_of(secret), name=name, joined=now)
+        codes = tuple(each.model_copy(update={"used": now}) if each is known else each for each in self.codes)
+        register = self._revoked(known.observer, now)
+        return register.model_copy(update={"codes": codes, "phones": (*register.phones, phone)}), phone
+
+    def resume(self, secret: str) -> Phone:
+        """The phone with this secret; raises RefusedError."""
+        phone = next((each for each in self.phones if each.hash == hash_of(secret)), None)
+        if phone is None:
+            raise RefusedError("this phone is not known here: show a code with labanmesh phone, and scan it")
+        if phone.revoked is not None:
+            raise RefusedError("this phone was revoked, or another one took its place: scan a new code")
+        return phone
+
+    def revoke(self, observer: str, now: datetime) -> "PhoneRegister":
+        """Without phone and open code of `observer`; raises BadInput if it has none."""
+        has_code = any(each.observer == observer and each.used is None and each.expires > now for each in self.codes)
+        if self.phone_of(observer) is None and not has_code:
+            known = ", ".join(each.observer for each in self.phones if each.revoked is None) or "none"
+            raise BadInput(f"--revoke {observer}: no phone and no open code; observers with a phone: {known}")
+        codes = tuple(each for each in self.codes if each.observer != observer or each.used is not None)
+        return self._revoked(observer, now).model_copy(update={"codes": codes})
+
+    def phone_of(self, observer: str) -> Phone | None:
+        """The phone that is admitted for `observer`."""
+        return next((each for each in self.phones if each.observer == observer and each.revoked is None), None)
+
+    def _revoked(self, observer: str, now: datetime) -> "PhoneRegister":
+        phones = [
+            each.model_copy(update={"revoked": now}) if each.observer == observer and each.revoked is None else each
+            for each in self.phones
+        ]
+        old = [each for each in phones if each.revoked is not None][:-REVOKED_LIMIT]
+        return self.model_copy(update={"phones": tuple(each for each in phones if each not in old)})
+
+
+def hash_of(word: str) -> str:
+    """What is kept of a code or secret, which have 128 random bits or more: no salt is needed."""
+    return hashlib.sha256(word.encode()).hexdigest()
+
+
+def read_register(text: str, where: str) -> PhoneRegister:
+    """The register in the text of a file; raises BadInput, one line, that names `where` it is."""
+    try:
+        return PhoneRegister.model_validate_json(text)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(map(str, first["loc"])) or "the file"
+        raise BadInput(
+            f"{where}: {place}: {first['msg'].lower()}; remove the file, and let each phone scan a new code"
+        ) from None

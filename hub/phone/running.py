@@ -1,0 +1,159 @@
+"""Runs the server of phones of one scene: ports, mesh, certificate, codes."""
+
+import asyncio
+import logging
+import socket
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from common.address import ANY_HOST, Address
+from common.errors import LabanmeshError
+from common.lifecycle import log_to_stderr, stop_on_signals
+from common.link import Link
+from common.notify import Notifier
+from hub.instrumentation import instrumented
+from hub.phone.code_page import ShownCodes, code_page, terminal_code
+from hub.phone.pose_model_file import data_folder, read_files
+from hub.phone.register_file import RegisterFile
+from hub.phone.scene_words import scene_words
+from hub.phone.serving import PhoneServer, serve_files
+from hub.phone.static_pages import StaticPages
+from hub.phone.web_certificate_file import WebCertificate, given_certificate, own_certificate
+from hub.session import SceneListener, SceneUpdate
+
+if TYPE_CHECKING:
+    from common.config import Scene
+
+log = logging.getLogger("labanmesh.hub")
+CHECK_S = 0.1
+SHOW_EVERY_S = 0.2
+"""How often what the pages show is looked at; nobody reads faster."""
+
+
+@dataclass(frozen=True, slots=True)
+class PhoneRun:
+    """hosts: names and addresses of this machine, the one for the code first. certificate: of `labanmesh secure`."""
+
+    scene: "Scene"
+    observers: tuple[str, ...]
+    file: RegisterFile
+    listen: Address
+    hosts: tuple[str, ...]
+    certificate: Path | None = None
+    for_s: float | None = None
+
+
+def run_phones(run: PhoneRun) -> None:
+    """Serve until Ctrl-C; raises LabanmeshError, one line, where that is not possible."""
+    log_to_stderr()
+    model = read_files(data_folder())
+    web = (
+        given_certificate(run.certificate)
+        if run.certificate
+        else own_certificate(data_folder() / "authority", run.hosts)
+    )
+    scene = run.scene
+    with (
+        _bound(run.listen, "--listen") as port,
+        _bound(Address("127.0.0.1", _next(port)), "the port above --listen") as local,
+        stop_on_signals() as stop,
+        Notifier.from_environment() as supervisor,
+        instrumented([scene], "phone") as instrumentation,
+        Link.open(scene.mesh, "hub", scene=scene.scene, stop=stop) as link,
+    ):
+        address = f"https://{Address(run.hosts[0], port.getsockname()[1])}/"
+        codes = ShownCodes(run.file, run.observers, address)
+
+        def note(update: SceneUpdate) -> None:
+            instrumentation.record(update)
+            supervisor.alive()
+
+        with SceneListener(scene, link, note) as listener:
+            publishers = {name: link.publisher(scene.keys.tracks(name)) for name in scene.roster}
+            pages = StaticPages(model, web.authority, _texts(run, web))
+            server = PhoneServer(
+                scene.scene,
+                run.file,
+                lambda observer, line: publishers[observer].put(line),
+                pages.answer,
+                lambda observer: scene_words(listener.state, observer),
+            )
+            _show(codes, f"http://127.0.0.1:{local.getsockname()[1]}/")
+            asyncio.run(_serve(server, codes, (port, local), web, Ending(stop, run.for_s, listener.check)))
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """When serving ends: `stop` is set, `for_s` seconds are over, or `check` raises."""
+
+    stop: threading.Event
+    for_s: float | None
+    check: Callable[[], None]
+
+
+async def _serve(
+    server: PhoneServer,
+    codes: ShownCodes,
+    ports: tuple[socket.socket, socket.socket],
+    web: WebCertificate,
+    ending: Ending,
+) -> None:
+    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    on_screen = partial(code_page, codes, lambda: server.live)
+    tasks = [
+        asyncio.create_task(server.run(ports[0], web.context, ended)),
+        asyncio.create_task(serve_files(ports[1], on_screen, ended)),
+    ]
+    end_s = None if ending.for_s is None else loop.time() + ending.for_s
+    shown_s = 0.0
+    while not (ending.stop.is_set() or (end_s is not None and loop.time() >= end_s) or any(t.done() for t in tasks)):
+        await asyncio.sleep(CHECK_S)
+        ending.check()
+        if loop.time() - shown_s >= SHOW_EVERY_S:
+            shown_s = loop.time()
+            server.show()
+    ended.set()
+    await asyncio.gather(*tasks)
+
+
+def _show(codes: ShownCodes, page: str) -> None:
+    for observer in codes.observers:
+        link = codes.link(observer)
+        if link is None:
+            phone = codes.file.register.phone_of(observer)
+            print(
+                f"{observer}: its phone is {phone.name or '(no name)' if phone else ''}; open {codes.address} on it",
+                flush=True,
+            )
+        else:
+            print(f"{terminal_code(link)}{observer}: scan this with the phone's camera, or open {link}", flush=True)
+    print(f"the codes on this machine's screen: {page}", flush=True)
+
+
+def _texts(run: PhoneRun, web: WebCertificate) -> dict[str, str]:
+    """What is put into the pages."""
+    dashboard = Address.parse(run.scene.hub.dashboard.listen, "hub.dashboard.listen")
+    reached = dashboard.host not in ("127.0.0.1", "localhost", "::1")
+    host = run.hosts[0] if dashboard.host in ANY_HOST else dashboard.host
+    teach = f'<a href="http://{Address(host, dashboard.port)}/teach">Teach it your movements</a>' if reached else ""
+    return {"fingerprint": web.fingerprint, "teach": teach, "scene": run.scene.scene}
+
+
+def _next(port: socket.socket) -> int:
+    number = int(port.getsockname()[1])
+    return number + 1 if number < 65535 else 0
+
+
+def _bound(address: Address, setting: str) -> socket.socket:
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    try:
+        return socket.create_server((address.host, address.port), family=family)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise LabanmeshError(
+            f"{setting} = {str(address)!r}: {reason}; choose another with --listen HOST:PORT"
+        ) from None

@@ -1,0 +1,30 @@
+"""What the phone's page shows of its scene: what its observer believes, what the referee decided. Pure."""
+
+from collections.abc import Mapping
+
+from hub.scene_state import SceneState, is_abstention
+from hub.wording import label_words
+
+
+def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
+    """own: what the observer holds most probable; judged: the referee; verdict: the newest one; observer: its state."""
+    own = next((each for each in state.observers if each.name == observer), None)
+    fused = None if state.silent or not state.fused else state.fused[0]
+    verdict, ranked = state.verdict, own.ranked if own is not None and own.is_heard else ()
+    return {
+        "own": {"label": ranked[0].label, "p": round(ranked[0].p, 2)} if ranked else None,
+        "judged": None if fused is None else {"label": fused.label, "p": round(fused.p, 2)},
+        "moves": bool(state.judgement and state.judgement.movement),
+        "why": (state.judgement.why if state.judgement else None) or "",
+        "observer": own.status.state if own is not None and own.status is not None else "silent",
+        "verdict": None
+        if verdict is None
+        else {
+            "id": verdict.id,
+            "label": "undecided" if is_abstention(verdict) else label_words(verdict),
+            "k": verdict.agreement.k,
+            "n": verdict.agreement.n,
+            "began_ms": verdict.began_ns // 1_000_000,
+            "ended": verdict.ended_ns is not None,
+        },
+    }
