@@ -74,9 +74,8 @@ class SceneMember:
         self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
-        self._falls: FallWatch | None = None
-        if scene.watch.fallen is not None:
-            self._falls = FallWatch(scene, service, scene.watch.fallen.after_s)
+        fallen = scene.watch.fallen
+        self._falls = None if fallen is None else FallWatch(scene, service, fallen.after_s)
 
     @property
     def role(self) -> Role:
@@ -283,13 +282,11 @@ class SceneMember:
         elif self.role is Role.OWNER:
             reason = ASKING if self.worker is None else self.worker.complaint
         else:
-            owner = self.ownership.owner
-            reason = f"{STANDING_BY} for {owner}" if owner else STANDING_BY
+            reason = f"{STANDING_BY} for {self.ownership.owner}" if self.ownership.owner else STANDING_BY
         if reason != self._reason:
             first, self._reason = self._reason is None, reason
             state: ProcessState = "starting" if reason == ASKING else "running"
-            if OVERLOADED in reason:
-                state = "degraded"
+            state = "degraded" if OVERLOADED in reason else state
             self._status_publisher.set_state(state, reason)
             if reason or not first:
                 level = logging.WARNING if state == "degraded" else logging.INFO

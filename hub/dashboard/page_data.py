@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from common.fall_messages import FallMessage
 from common.messages import JudgementMessage, OngoingMovement, StatusMessage, VerdictMessage, Vote
 from common.text import plural
 from hub.dashboard.placement import FloorPosition
@@ -100,14 +99,14 @@ def state_data(history: "SceneHistory") -> Json:
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,
         "same_ids": in_words(state.same_ids),
-        "fall": None if state.fall is None else fall_data(state.fall),
+        "fall": None
+        if (fall := state.fall) is None
+        else {
+            "stage": fall.stage,
+            "since": fall.since_ns // NS_PER_MS,
+            "agreement": [fall.agreement.k, fall.agreement.n],
+        },
     }
-
-
-def fall_data(fall: FallMessage) -> Json:
-    """The stage of the watch for falls."""
-    agreement = [fall.agreement.k, fall.agreement.n]
-    return {"stage": fall.stage, "since": fall.since_ns // NS_PER_MS, "agreement": agreement}
 
 
 def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int | None) -> Json:

@@ -10,9 +10,10 @@ from typing import Any
 from common.messages import JudgementMessage
 from hub.counting.tally import RepetitionTally
 from hub.mqtt.entities import COUNT_PARTS, Entity, Topics
-from hub.mqtt.events import Publication, moment
+from hub.mqtt.events import Publication
 from hub.mqtt.states import FAST_S, RetainedState
 from hub.scene_state import SceneState
+from hub.wording import moment
 
 LARGEST_TARGET = 1000
 
