@@ -13,7 +13,7 @@ from benchmarks.command_line import markdown_table, recordings_folder, run_comma
 from common.config_sections import FusionConfig
 from common.posterior import Repeated
 from fusion.engine.aged_posterior import AgedPosterior
-from fusion.engine.count_pool import RepetitionCount, pooled_repetitions
+from fusion.engine.segments import RepetitionCount, pooled_repetitions
 from observer.geometry.views import parse_view
 from observer.model.body_trace import read_trace
 from observer.model.periodicity import Oscillation, oscillation_of, with_other_side

@@ -13,14 +13,20 @@ from common.message_types import LAST_INTEGER
 from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
-from fusion.engine.count_pool import counted_in, repetitions_of
 from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
-from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, missing_of
+from fusion.engine.segments import (
+    MovementDecision,
+    PooledState,
+    counted_in,
+    last_capture_ns,
+    missing_of,
+    repetitions_of,
+)
 from fusion.engine.trust import Reliability, learn_from_verdict
 from fusion.engine.verdicts import (
     NO_BASES,
@@ -65,8 +71,7 @@ class FusionEngine:
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
-        self._nearest = NearestMiss()
-        self._withheld = list[VerdictMessage]()
+        self._nearest, self._withheld = NearestMiss(), list[VerdictMessage]()
         self._seq = self._facets_ns = 0
         self._facets: PublishedFacets = {}
         self.reliability = Reliability()

@@ -24,11 +24,10 @@ from common.messages import (
 )
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
-from fusion.engine.count_pool import RepetitionCount, repetition_fields
 from fusion.engine.guarded_product import TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.segments import MovementProgress
+from fusion.engine.segments import MovementProgress, RepetitionCount, repetition_fields
 from fusion.engine.weighing import NATS_TO_BITS
 
 PublishedFacets = Mapping[str, list[float]]

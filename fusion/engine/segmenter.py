@@ -37,7 +37,6 @@ from dataclasses import replace
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.count_pool import RepetitionCount
 from fusion.engine.segment_conditions import (
     CLEAR_REST,
     ENDING,
@@ -55,6 +54,7 @@ from fusion.engine.segments import (
     MovementProgress,
     PooledState,
     Quiet,
+    RepetitionCount,
     Start,
     carried_label,
     pauses_of,

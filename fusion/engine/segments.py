@@ -1,15 +1,21 @@
-"""The data of the segmenter: the pooled posterior at one time, a movement and its decision, a label that is held."""
+"""The data of the segmenter: the pooled posterior at one time, a movement and its decision, a label that is held.
 
-from collections.abc import Iterable
+Here observers' counts of a periodic movement are pooled, too: by a median weighted by trust. An observer weighs by the
+trust in it, by how fresh its count is, and by how far the movement swings in its view, between half and all of that: a
+view along the movement misses repetitions. So of three and more equally trusted observers no single one outweighs the
+others, whatever it counts (docs/design/fusion.md, "Segments").
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import floor
 from typing import NamedTuple
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import LONGEST_STAY, PAUSE_S, MovementTimes
-from common.messages import JudgementMessage, VerdictStage
+from common.messages import JudgementMessage, VerdictStage, Vote
 from common.vocabulary import Vocabulary
-from fusion.engine.count_pool import RepetitionCount
 from fusion.engine.roster import AgedPosterior
 
 NO_TIMES = MovementTimes()
@@ -19,6 +25,13 @@ NOTICED_S = 0.3
 """Observers notice within so long that a movement has begun, has changed or is over: a label that is held for a shorter
 time as one begins may be its own (rule 3), as may one that begins sooner after the begin (rule 7), and something else
 that lasts for less may be rest (rule 6). Where one takes a turn of a movement for rest, it does so for .1 to .3 s."""
+
+
+class RepetitionCount(NamedTuple):
+    """How often a movement has been done so far, and how many of these repetitions are partial."""
+
+    done: int
+    partial: int = 0
 
 
 @dataclass(slots=True)
@@ -166,3 +179,64 @@ def last_capture_ns(judgement: JudgementMessage) -> int:
         return judgement.at_ns
     ages_s = [vote.age_s for vote in judgement.votes.values() if vote.age_s is not None]
     return judgement.at_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else 0
+
+
+def repetitions_of(
+    label: str, posteriors: Iterable[AgedPosterior], votes: Mapping[str, Vote]
+) -> RepetitionCount | None:
+    """How often `label` has been done so far, as the observers count that vote for it; None: nobody counts."""
+    return pooled_repetitions([each for each in posteriors if votes[each.observer].label == label])
+
+
+def pooled_repetitions(posteriors: Iterable[AgedPosterior]) -> RepetitionCount | None:
+    """The weighted median of the counts of these observers; None: nobody counts."""
+    counting = [each for each in posteriors if each.repetitions is not None]
+    if not counting:
+        return None
+    widest = max(0.0 if each.repeated is None else each.repeated.swing for each in counting) or 1.0
+    weights = [_weight(each, widest) for each in counting]
+    count = _whole(weighted_median([each.repetitions or 0.0 for each in counting], weights))
+    partial = weighted_median([0.0 if each.repeated is None else each.repeated.partial for each in counting], weights)
+    return RepetitionCount(count, min(_whole(partial), count))
+
+
+def _weight(posterior: AgedPosterior, widest: float) -> float:
+    """widest: the largest swing of all observers. One that does not tell its swing weighs as one that sees none."""
+    share = 0.0 if posterior.repeated is None else posterior.repeated.swing / widest
+    return posterior.reliability * posterior.freshness * (1.0 + share) / 2
+
+
+def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float:
+    """The value at which half of the weight is reached; the mean with the next one where it is reached exactly.
+
+    Without any weight all count alike. values: at least one.
+    """
+    total = sum(weights)
+    if total <= 0.0:
+        weights, total = [1.0] * len(values), float(len(values))
+    ordered, below = sorted(zip(values, weights, strict=True)), 0.0
+    for place, (value, weight) in enumerate(ordered):
+        below += weight
+        # Sums of weights have round-off.
+        if abs(2 * below - total) <= 1e-9 * total and place + 1 < len(ordered):
+            return (value + ordered[place + 1][0]) / 2
+        if 2 * below > total:
+            return value
+    return ordered[-1][0]
+
+
+def _whole(periods: float) -> int:
+    """Whole repetitions: one in progress counts from its far turning point on, not when it has begun."""
+    return floor(periods)
+
+
+def counted_in(judgement: JudgementMessage) -> RepetitionCount | None:
+    """What a judgement or verdict says."""
+    done, partial = judgement.repetitions, judgement.partial_repetitions
+    return None if done is None else RepetitionCount(done, partial or 0)
+
+
+def repetition_fields(repetitions: RepetitionCount | None) -> dict[str, int | None]:
+    """The fields of a judgement or verdict; of a movement of which no repetition is partial, that is left out."""
+    done, partial = repetitions or (None, None)
+    return {"repetitions": done, "partial_repetitions": partial or None}

@@ -14,11 +14,10 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.probability import Floats
-from fusion.engine.count_pool import RepetitionCount, repetition_fields
 from fusion.engine.messages import PublishedFacets, Stamp
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.segments import MovementDecision, MovementProgress, PooledState
+from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, RepetitionCount, repetition_fields
 
 SMALLEST = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""

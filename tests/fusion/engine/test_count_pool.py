@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.posterior import Repeated
 from fusion.engine.aged_posterior import AgedPosterior
-from fusion.engine.count_pool import RepetitionCount, pooled_repetitions, weighted_median
+from fusion.engine.segments import RepetitionCount, pooled_repetitions, weighted_median
 
 COUNTS = st.floats(0, 50)
 

@@ -7,8 +7,9 @@ import pytest
 from common.message_types import BodyRegionShares
 from common.messages import Contribution
 from hub.dashboard.history import LOG_LIMIT, SceneHistory
-from hub.dashboard.page_data import CROWD, PageSetup, reasons, snapshot_data, state_data, verdict_data
+from hub.dashboard.page_data import CROWD, PageSetup, snapshot_data, state_data, verdict_data
 from hub.dashboard.placement import floor_positions
+from hub.dashboard.verdict_reasons import reasons
 from hub.scene_state import SceneState
 
 SETUP = PageSetup("room", floor_positions({"cam1": "door", "cam2": "wheel"}, {"cam1": 0.0, "cam2": 90.0}), quorum=1)
