@@ -65,11 +65,6 @@ def _runs_of(spans: Sequence[StreamSpan], rate_hz: float) -> list[list[StreamSpa
     return [run for run in runs if len(run) > 1]
 
 
-def without_times(header: Header) -> Header:
-    """The header of a model that need not count repetitions."""
-    return replace(header, vocabulary=replace(header.vocabulary, movements={}))
-
-
 def oscillations_of(header: Header, memory: TrainingMemory) -> dict[int, Oscillation]:
     """How the movements go to and fro that are periodic by the header, by index in the vocabulary."""
     oscillations = {}

@@ -6,7 +6,7 @@ the window's instants at which the convolution exceeds a bias, which is a quanti
 window. In a window of several channels each pair of kernel and dilation sums over a random few of them, as in aeon.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Self
@@ -76,7 +76,8 @@ class MiniRocket:
         self._weights = [weights_of(channels) for channels in parameters.channels]
         self._margins = [int(dilation) * (TAPS // 2) for dilation in parameters.dilations]
         self._reach = max(self._margins)
-        limits = [_limits(length, *step, number) for number, step in enumerate(self._steps())]
+        steps = zip(self._margins, parameters.biases, strict=True)
+        limits = [_limits(length, *step, number) for number, step in enumerate(steps)]
         shares = [1 / np.isfinite(limit).sum(axis=1) for limit in limits]
         self._shares: Floats32 = np.concatenate([share.ravel() for share in shares]).astype(np.float32)
         # Compared with a row of all instants at once.
@@ -98,7 +99,8 @@ class MiniRocket:
             raise BadInput(f"windows {windows.shape}: at least one window of shape (channels, frames) is expected")
         dilations, counts = choose_dilations(windows.shape[2], features)
         rng = np.random.default_rng(seed)
-        channels = summed_channels(len(dilations), np.eye(windows.shape[1]) if sums is None else sums, rng)
+        sums = np.eye(windows.shape[1], dtype=np.float32) if sums is None else sums
+        channels = choose_channels(len(dilations), len(sums), rng).astype(np.float32) @ sums
         quantiles = np.arange(1, counts.sum() * len(KERNELS) + 1) * GOLDEN_RATIO % 1
         ends = np.cumsum(counts * len(KERNELS))
         biases = []
@@ -133,9 +135,6 @@ class MiniRocket:
             end = begin + counts[0].size
             result[:, begin:end] = counts.reshape(count, -1)
             begin = end
-
-    def _steps(self) -> Iterator[tuple[int, Floats32]]:
-        return zip(self._margins, self.parameters.biases, strict=True)
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """For a model file; `from_arrays` reads them."""
@@ -177,13 +176,6 @@ def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> 
     ranks = rng.random((dilations, len(KERNELS), channels)).argsort(axis=2).argsort(axis=2)
     chosen: NDArray[np.bool_] = ranks < counts[:, :, None]
     return chosen
-
-
-def summed_channels(dilations: int, sums: NDArray[np.floating], rng: np.random.Generator) -> Floats32:
-    """(S, C) sums of channels -> (D, 84, C) how often each kernel adds a channel, over the few sums that it chose."""
-    chosen = choose_channels(dilations, len(sums), rng)
-    result: Floats32 = chosen.astype(np.float32) @ sums.astype(np.float32)
-    return result
 
 
 def weights_of(channels: NDArray[np.bool_] | Floats32) -> Floats32:

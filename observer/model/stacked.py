@@ -21,7 +21,7 @@ from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
 from observer.model.leaning import LEANS_ON, leans_on
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
-from observer.model.movement_times import oscillations_of, with_times, without_times
+from observer.model.movement_times import oscillations_of, with_times
 from observer.model.nearest_take import NearestTakes
 from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facings_in
 from observer.model.periodicity import Oscillation
@@ -116,7 +116,9 @@ class Stacked(LearnsStreams):
 
     def cross_validated(self, cross_validation: CrossValidation) -> LearnedFromOthers:
         """The stacker of the examples and streams of the people left out, each watched by a model of all others."""
-        header, examples = without_times(self.header), cross_validation.examples
+        examples = cross_validation.examples
+        # The models of the folds need not count repetitions.
+        header = replace(self.header, vocabulary=replace(self.header.vocabulary, movements={}))
         facings = facings_in(header.parameters)
         split = [_split(header, e) for e in examples]
         chosen = learned_facings(examples, facings)

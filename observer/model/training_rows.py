@@ -90,7 +90,7 @@ def rows_of_examples(
         )
         other = _other_movement(examples, n)
         if other is not None:
-            blend = _mean_of(trace, traces[other])
+            blend = (trace + resampled(traces[other], len(trace))) / np.float32(2)
             at = np.array([max(round(f * len(blend)), 1) - 1 for f in BLEND_FRACTIONS])
             yield Rows(
                 blend, at, targets_of(-1, np.zeros(len(at)), movements), np.ones(len(at), np.float32), (n, other)
@@ -168,12 +168,6 @@ def _other_movement(examples: Sequence[Example], n: int) -> int | None:
         k for k, e in enumerate(examples) if e.movement != examples[n].movement and e.facing == examples[n].facing
     ]
     return others[int(evenly_spread(n) * len(others))] if others else None
-
-
-def _mean_of(one: Floats32, other: Floats32) -> Floats32:
-    stretched = resampled(other, len(one))
-    result: Floats32 = (one + stretched) / np.float32(2)
-    return result
 
 
 def resampled(values: Floats32, length: int) -> Floats32:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Example, Header, Stream
-from observer.model.body_trace import extent, width_of
+from observer.model.body_trace import EXTENT_S, extent, width_of
 from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
 from observer.model.trailing_features import TrailingFeatures, Windows
@@ -19,8 +19,6 @@ from observer.model.training_rows import part_of, rows_of_examples, rows_of_stre
 from observer.tracks import Floats, Floats32
 
 Chosen = NDArray[np.bool_]
-
-
 ENOUGH_EXAMPLES = 200
 """With fewer examples of movements each counts more: a penalty chosen for many leaves all answers equally likely."""
 LEAST_EXTENT = 1e-3
@@ -41,8 +39,10 @@ class TrainingTable:
         )
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
         self.longest, self.extents = max(own), _usual_extents(examples, traces, header)
-        self.lengths = _usual_lengths(examples, traces, header.vocabulary.size)
-        self.usual_posture = _usual_posture(traces)
+        lengths = [(e.movement, len(trace)) for e, trace in zip(examples, traces, strict=True)]
+        own_lengths = ([n for movement, n in lengths if movement == m] for m in range(header.vocabulary.size))
+        self.lengths: Floats = np.array([np.median(each) for each in own_lengths])
+        self.usual_posture: Floats32 = np.concatenate([t[:, :-3] for t in traces]).mean(axis=0).astype(np.float32)
         self._few = max(1.0, ENOUGH_EXAMPLES / len(own))
         windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
         seed, movements = int(header.parameters["seed"]), header.vocabulary.size
@@ -98,21 +98,11 @@ class TrainingTable:
 
 def _usual_extents(examples: Sequence[Example], traces: Sequence[Floats32], header: Header) -> Floats:
     """(M,) median over a movement's examples of how far the farthest part goes within EXTENT_S, body sizes."""
+    frames = max(round(EXTENT_S * header.rate_hz), 2)
+    # The box of a whole window holds those of the shorter ones that begin with it.
     largest = [
-        (e.movement, max(extent(trace[: n + 1], header.rate_hz) for n in range(len(trace))))
-        for e, trace in zip(examples, traces, strict=True)
+        (e.movement, max(extent(t[n : n + frames], header.rate_hz) for n in range(max(len(t) - frames, 0) + 1)))
+        for e, t in zip(examples, traces, strict=True)
     ]
     of_each = ([size for movement, size in largest if movement == m] for m in range(header.vocabulary.size))
     return np.array([max(float(np.median(sizes)), LEAST_EXTENT) for sizes in of_each])
-
-
-def _usual_lengths(examples: Sequence[Example], traces: Sequence[Floats32], movements: int) -> Floats:
-    """(M,) median frames of a movement's examples."""
-    lengths = [(e.movement, len(trace)) for e, trace in zip(examples, traces, strict=True)]
-    return np.array([np.median([n for movement, n in lengths if movement == m]) for m in range(movements)])
-
-
-def _usual_posture(traces: Sequence[Floats32]) -> Floats32:
-    """(2 P,) mean places of the parts relative to the body."""
-    mean: Floats32 = np.concatenate([trace[:, :-3] for trace in traces]).mean(axis=0).astype(np.float32)
-    return mean
