@@ -29,6 +29,7 @@ from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 
 FORMAT = 1
 LINE_LIMIT = 400
+"""Characters of a reason: a file may contain anything."""
 
 
 def write_model(path: Path, model: MovementModel) -> None:

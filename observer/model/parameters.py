@@ -56,6 +56,5 @@ def check_parameters(parameters: Mapping[str, float], known: Mapping[str, Parame
 def facings_in(parameters: Mapping[str, float]) -> int:
     """The number of facings among the parameters, 1 by default; raises BadInput unless it is whole and from 1 to 72."""
     facings = parameters.get("facings", 1.0)
-    if not 1 <= facings <= MOST_FACINGS or facings != int(facings):
-        raise BadInput(f"facings = {facings:g}: a whole number from 1 to {MOST_FACINGS} is expected, e.g. 12")
+    FACINGS.allowed.check("facings", facings)
     return int(facings)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 TEMPERATURES = np.geomspace(0.5, 8.0, 33)
 DOUBTS = np.array([0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2])
+"""The grid that is searched."""
 FEWEST_EXAMPLES = 20
 """With fewer evaluated examples a fit is partly chance; the fewer, the nearer the result is to CAUTIOUS."""
 

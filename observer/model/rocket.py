@@ -18,6 +18,7 @@ from common.errors import BadInput
 from observer.tracks import Floats32, Integers
 
 TAPS = 9
+"""Weights of a kernel; this number and those below are the paper's, but for CHUNK."""
 KERNELS = np.full((84, TAPS), -1, dtype=np.float32)
 """(84, 9) weights: every choice of three positions has weight 2, the rest has -1; the sum is 0."""
 for _row, _twos in enumerate(combinations(range(TAPS), 3)):

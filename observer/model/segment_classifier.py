@@ -20,6 +20,7 @@ from observer.tracks import Floats32, Integers
 LENGTH = 60
 """Points to which the window from begin to now is stretched."""
 ENDED_FROM = 0.8
+"""Share of a movement from which a window shows it as an ended one."""
 FEWER_ROWS = 5
 """Ended movements have fewer rows than those in progress; their loss counts more, so that the penalty is alike."""
 

@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import softmax
-from observer.features import SpaceReader, Symbols
+from observer.features import SpaceReader, Symbols, VectorSymbol
 from observer.model.base import Arrays, Example, Header, Onset, Watch, with_defaults
 from observer.model.parameters import NOT_NEGATIVE, POSITIVE, Parameter, ParameterRange
 from observer.tracks import Floats, Tracks
 
-SYMBOLS = 9
-MOST_BINS = 1000
+SYMBOLS = len(VectorSymbol) - 1
+"""Those of (1), without NOT_SEEN."""
 
 
 def symbols_of(example: Example, body_parts: Sequence[str], threshold: float) -> Symbols:
@@ -96,7 +96,7 @@ class FrameTable:
     kind: ClassVar[str] = "frame-table"
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "bins": Parameter(8.0, ParameterRange(1, MOST_BINS, whole=True)),
+        "bins": Parameter(8.0, ParameterRange(1, 1000, whole=True)),
         "threshold": Parameter(0.16, NOT_NEGATIVE),
         "smoothing": Parameter(0.1, POSITIVE),
     }

@@ -19,8 +19,9 @@ from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, 
 from observer.tracks import Floats, Floats32, Integers
 
 SHORTEST_S = 0.4
-"""The shortest window of convolutions; each further one is twice as long. One of postures is half as long."""
+"""The shortest window of convolutions. One of postures is half as long."""
 DOUBLINGS = 4
+"""Each further window is twice as long, up to 6.4 s."""
 LONGEST_CONVOLUTIONS, LONGEST_POSTURES = 1.5, 2.8
 """The longest windows, as multiples of the median movement's duration."""
 WIDEST_KERNEL_S = 2.2

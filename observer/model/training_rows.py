@@ -23,8 +23,11 @@ Shown = TypeVar("Shown", Example, Stream)
 RECOGNISABLE = 0.35
 """Share of a movement after which its rows show it fully; up to there they show something else in part."""
 FRACTIONS = tuple(n / 10 for n in range(1, 11))
-RESTS_AFTER_S = (0.5, 0.9, 1.4)
+"""Shares of a movement after which it is shown."""
 REST_S = 1.6
+"""How long a person is shown at rest before or after a movement."""
+RESTS_AFTER_S = (0.5, 0.9, 1.4)
+"""How long after the end of a movement such a rest is shown."""
 TREMBLING = 0.03
 """Body sizes: the noise of a resting person's parts."""
 AFTERGLOW_S = 0.1
@@ -33,6 +36,7 @@ to each other have no rest between them."""
 LEARNED_FACINGS = 4
 """More facings of one example add little to those of the others, and take time."""
 BLEND_FRACTIONS = (0.5, 0.75, 1.0)
+"""Shares of a blend after which it is shown."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
