@@ -24,8 +24,8 @@ The design: fusion.md, "The roster".
 9. A scene whose file names its vocabulary is fused in that one for ever. Any other is fused in the vocabulary in which
    more than half of its observers publish; while none has a majority, in the one before. So a single observer with
    another model changes nothing, and observers that were taught together take the fusion service with them. One counts
-   until its process disappears, or has published nothing for SAY_S. Only the owner of the scene decides so; a standby
-   service follows it (fusion/membership.py).
+   until its process disappears, or has published nothing for `drop_s`. Only the owner of the scene decides so; a
+   standby service follows it (fusion/membership.py).
 """
 
 import math
@@ -52,8 +52,6 @@ from fusion.engine.trust import (
     published_trust,
 )
 
-SAY_S = 2.0
-"""An observer that has published nothing for this long has no say about the vocabulary (rule 9)."""
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -144,7 +142,7 @@ class Roster:
     def majority(self, now_ns: int) -> str | None:
         """The hash of the vocabulary in which most observers publish (rule 9); None if there is no majority."""
         published = [state.published for state in self._states.values() if state.published is not None]
-        counts = Counter(digest for digest, at_ns in published if abs(now_ns - at_ns) <= SAY_S * SECOND_NS)
+        counts = Counter(digest for digest, at_ns in published if abs(now_ns - at_ns) <= self._drop_ns)
         if not counts:
             return None
         digest, votes = counts.most_common(1)[0]

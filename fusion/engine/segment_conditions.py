@@ -24,6 +24,7 @@ from fusion.engine.segments import (
     Quiet,
     pauses_of,
 )
+from fusion.engine.trust import MOVEMENT_S
 
 CARRIED_S = 2 * NOTICED_S
 """In a simulation of observers that die, freeze and start, none held the previous label for longer than 0.5 s."""
@@ -33,7 +34,7 @@ FADING = 2
 """In multiples of `hold_s`: so long a label has to be unlikely before its movement has ended."""
 REVISED_S = 1.0
 """A premature decision is over by then."""
-OUTAGE_S, HIDING_S, ENDING_S = 1.0, 2.0, 5.0
+OUTAGE_S, HIDING_S, ENDING_S = 1.0, MOVEMENT_S, 5.0
 """A shorter outage than the first hides no whole movement, nor the whole rest between two; one longer than the second
 can hide both; after one longer than the third the same label is another movement (rule 9)."""
 CLEAR_REST = 1.0 - CLEAR

@@ -12,6 +12,7 @@ import numpy as np
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.message_types import ROUND_OFF
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.probability import Floats
 from fusion.engine.messages import PublishedFacets, Stamp
@@ -23,7 +24,6 @@ SMALLEST = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""
 NO_OBSERVERS = "waiting for observers"
 CONTESTED_REST = "two observers contradict each other on whether the person rests"
-ROUND_OFF = 1e-9
 NAMES_LIMIT = 3
 """Awaited observers that are listed by name."""
 
