@@ -10,11 +10,13 @@ const pace = new Pace();
 let [pose, small, loading] = [null, false, false];
 let [facing, paused, stream, looks, reportedMs] = ["environment", false, null, 0, 0];
 let [lastMs, lockedScreen, fault] = [0, null, ""];
+const faults = { connection: "", camera: "", model: "" };
 
-function showFault(text) {
-  fault = text;
-  element("fault").textContent = text;
-  element("fault").hidden = !text;
+function showFault(of, text) {
+  faults[of] = text;
+  fault = Object.values(faults).find((each) => each) ?? "";
+  element("fault").textContent = fault;
+  element("fault").hidden = !fault;
 }
 
 const connection = new Connection({
@@ -22,13 +24,13 @@ const connection = new Connection({
   welcome: (data) => {
     element("scene").textContent = data.scene;
     element("observer").textContent = data.observer;
-    showFault("");
+    showFault("connection", "");
     report();
   },
   words: showWords,
   ended: (text) => {
     element("state").textContent = "not connected";
-    showFault(text);
+    showFault("connection", text);
   },
 });
 
@@ -57,10 +59,10 @@ async function openCamera() {
     track.onended = () => openCamera();
     video.srcObject = stream;
     await video.play();
-    showFault("");
+    showFault("camera", "");
   } catch (error) {
     const text = navigator.mediaDevices ? `no camera: ${error.name}: allow it for this page` : "no camera: the page is not trusted";
-    showFault(text);
+    showFault("camera", text);
     setTimeout(() => paused || document.hidden || openCamera(), 3000);
   }
 }
@@ -73,8 +75,9 @@ async function loadModel() {
     pose?.close();
     pose = next;
     pace.forgetTimes();
+    showFault("model", "");
   } catch (error) {
-    showFault(`the pose model cannot be loaded: ${error.message ?? error}`);
+    showFault("model", `the pose model cannot be loaded: ${error.message ?? error}`);
     setTimeout(loadModel, 5000);
   }
   loading = false;
@@ -92,7 +95,7 @@ function look(now, picture) {
   try {
     landmarks = pose.detectForVideo(video, lastMs).landmarks[0];
   } catch (error) {
-    showFault(`the pose model stopped: ${error.message ?? error}`);
+    showFault("model", `the pose model stopped: ${error.message ?? error}`);
     pose = null;
     loadModel();
     return;

@@ -1,0 +1,159 @@
+"""A phone's page in Chromium: the pose model runs there, real processes take its tracks, and nothing else leaves it."""
+
+import json
+import statistics
+import time
+
+import pytest
+from phone_stage import Cable, PhoneScene, Sniffer, film_of_wave, phone_browser, port_of, with_port
+from processes import until
+
+from common.errors import LabanmeshError
+from hub.phone.phone_messages import MESSAGE_LIMIT, read_message
+from observer.tracks import WHOLE_BODY
+
+BUSY_S = 60.0
+FIRST_POSTERIOR_S = 20.0
+BACK_S = 15.0
+LOOK_S = 8.0
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory):
+    from hub.phone.pose_model_file import data_folder, read_files
+
+    try:
+        read_files(data_folder())
+    except LabanmeshError as error:
+        pytest.skip(str(error))
+    return film_of_wave(tmp_path_factory.mktemp("film"))
+
+
+@pytest.fixture(scope="module")
+def browser(chromium, film):
+    browser = phone_browser(chromium.browser_type, film)
+    yield browser
+    browser.close()
+
+
+@pytest.fixture
+def scene(film, tmp_path):
+    with PhoneScene(tmp_path) as running:
+        yield running
+
+
+@pytest.fixture
+def phone(browser):
+    """Opens the page as a phone of its own."""
+    contexts = []
+
+    def open_page(link):
+        contexts.append(browser.new_context(ignore_https_errors=True, viewport={"width": 390, "height": 800}))
+        page = contexts[-1].new_page()
+        page.sniffer = Sniffer(page)
+        page.goto(link)
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+
+
+def wait(page, condition, what, timeout_s=BUSY_S):
+    """Until the condition holds; the page's own events go on meanwhile."""
+    end_s = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < end_s, f"not within {timeout_s} s: {what()}"
+        page.wait_for_timeout(50)
+    return value
+
+
+def looks(page):
+    return lambda: f"state {page.inner_text('#state')!r}, fault {page.inner_text('#fault')!r}"
+
+
+def test_from_the_code_to_the_first_posterior_only_tracks_leave_the_phone(scene, phone):
+    began_s = time.monotonic()
+    page = phone(scene.link)
+    wait(page, lambda: scene.posteriors.take(0.0), looks(page))
+    first_s = time.monotonic() - began_s
+    page.wait_for_timeout(3000)
+    assert page.evaluate("location.hash") == "" and page.inner_text("#observer") == "phone1"
+    assert page.evaluate("document.getElementById('drawing').width") > 0
+    kinds = {}
+    for text in page.sniffer.sent:
+        assert len(text) <= MESSAGE_LIMIT
+        kinds.setdefault(type(read_message(text)).__name__, []).append(json.loads(text))
+    print(f"\nfirst posterior after {first_s:.1f} s; sent { {kind: len(each) for kind, each in kinds.items()} }")
+    assert set(kinds) == {"Join", "ClockAnswer", "PhoneTracks", "CameraState"} and len(kinds["Join"]) == 1
+    assert all(set(each["tracks"]["parts"]) == set(WHOLE_BODY) for each in kinds["PhoneTracks"])
+    place = scene.link.partition("#")[0]
+    code = scene.link.partition("#")[2]
+    for method, url, body in page.sniffer.requests:
+        assert method == "GET" and url.startswith(place) and body is None and code not in url.partition("#")[0]
+    assert first_s < FIRST_POSTERIOR_S
+
+
+def test_a_cut_line_and_a_page_that_was_left_come_back_by_themselves(scene, phone):
+    with Cable(port_of(scene.link)) as cable:
+        page = phone(with_port(scene.link, cable.port))
+        wait(page, scene.taken, looks(page))
+        for cut_s in (1.0, 6.0):
+            cable.cut()
+            page.wait_for_timeout(1000 * cut_s)
+            scene.taken()
+            cable.mend()
+            back_s = time.monotonic()
+            arrived = wait(page, scene.taken, looks(page), BACK_S)
+            print(f"\ncut for {cut_s:g} s: tracks again after {time.monotonic() - back_s:.1f} s")
+            assert all(at_ns - line["captured_ns"] < 1.2e9 for at_ns, line in arrived)
+        page.goto("about:blank")
+        scene.taken()
+        page.goto(with_port(scene.link, cable.port).partition("#")[0])
+        wait(page, scene.taken, looks(page))
+
+
+def test_two_phones_with_one_code_and_one_that_is_revoked(scene, phone):
+    first = phone(scene.link)
+    wait(first, scene.taken, looks(first))
+    second = phone(scene.link)
+    wait(second, lambda: "used already" in second.inner_text("#fault"), looks(second))
+    scene.taken()
+    wait(first, scene.taken, looks(first))
+    forged = phone(scene.link.partition("#")[0] + "#forged")
+    wait(forged, lambda: "not known" in forged.inner_text("#fault"), looks(forged))
+    scene.revoke()
+    wait(first, lambda: "revoked" in first.inner_text("#fault"), looks(first))
+    first.reload()
+    wait(first, lambda: "scan the code" in first.inner_text("#fault"), looks(first))
+    scene.taken()
+    first.wait_for_timeout(1000)
+    assert not scene.taken()
+
+
+@pytest.mark.parametrize("times", [4, 6])
+def test_a_slow_browser_sends_fewer_tracks_and_no_older_ones(scene, phone, times):
+    page = phone(scene.link)
+    page.context.new_cdp_session(page).send("Emulation.setCPUThrottlingRate", {"rate": times})
+    wait(page, scene.taken, looks(page))
+    page.wait_for_timeout(1000 * LOOK_S)  # with the full model first, which may be exchanged for the smaller one
+    scene.taken()
+    ages = []
+    for _ in range(3):
+        page.wait_for_timeout(1000 * LOOK_S)
+        ages.append([(at_ns - line["captured_ns"]) / 1e6 for at_ns, line in scene.taken()])
+    medians = [statistics.median(each) for each in ages if each]
+    print(f"\n{times} times slower: {[len(each) / LOOK_S for each in ages]} tracks a second, {medians} ms old")
+    assert len(medians) == 3 and medians[2] < medians[0] + 200
+
+
+def test_the_code_stands_on_the_screen_of_the_machine_alone(scene, phone, browser):
+    local = until(lambda: next((line.split()[-1] for line in scene.lines if "http://127.0.0.1" in line), ""))
+    page = browser.new_page()
+    page.goto(local)
+    assert page.locator("svg").count() == 1
+    seen = phone(scene.link)
+    wait(seen, scene.taken, looks(seen))
+    page.goto(local)
+    assert page.locator("svg").count() == 0 and "is here" in page.inner_text("section")
+    page.close()
