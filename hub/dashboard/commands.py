@@ -15,6 +15,7 @@ from common.address import ANY_HOST, Address
 from common.command_options import LONGEST_S
 from common.config import read_scene
 from common.errors import BadInput
+from common.tracker_choice import PHONE
 from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
 
 if TYPE_CHECKING:
@@ -183,6 +184,7 @@ def _setup(run: DashboardRun) -> "PageSetup":
     return PageSetup(
         scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures,
         run.access.teaches, file, scene.fusion.threshold,
+        () if timeline else tuple(name for name, each in scene.observers.items() if each.source == PHONE),
     )  # fmt: skip
 
 

@@ -37,6 +37,7 @@ class PageSetup:
 
     pictures: the observers whose live pictures are switched on, and how many a second. teaches: there is a Teach page.
     file: the scene file, as it is written in a command; "" of a capture. sure: the probability that a verdict needs.
+    phones: the observers that see through a phone.
     """
 
     scene: str
@@ -48,6 +49,7 @@ class PageSetup:
     teaches: bool = False
     file: str = ""
     sure: float = 0.6
+    phones: tuple[str, ...] = ()
 
 
 def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
@@ -61,6 +63,7 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         "teaches": setup.teaches,
         "file": setup.file,
         "sure": setup.sure,
+        "phones": list(setup.phones),
         "positions": {
             name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
             for name, each in setup.positions.items()
