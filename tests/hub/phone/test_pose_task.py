@@ -7,19 +7,11 @@ import zipfile
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tiny_pose_model import model
 
 from common.errors import BadInput
-from hub.phone.flat_buffer import Bytes, Existing, FlatTable, FlatTables, flat_buffer, floats, text
+from hub.phone.flat_buffer import Existing, FlatTable, flat_buffer, floats
 from hub.phone.pose_task import BUFFERS, METADATA_LIST, _field, _items, _number, _reference, pose_task, with_scale
-
-
-def model(outputs=3, buffers=2):
-    """A file with the slots of a TensorFlow Lite model that matter here."""
-    graph = FlatTable({2: Bytes(struct.pack(f"<{outputs}I", *range(outputs)), outputs)})
-    data = FlatTables([FlatTable({}), *(FlatTable({0: Bytes(bytes([n]) * 40, 40)}) for n in range(1, buffers))])
-    return flat_buffer(
-        FlatTable({0: 3, 1: FlatTables([FlatTable({})]), 2: FlatTables([graph]), 3: text("a model"), 4: data}), b"TFL3"
-    )
 
 
 def string_at(content, place):
