@@ -64,6 +64,8 @@ VERBS = {
     "hub": Verb("hub.mqtt.commands", "hub", "connect scenes to Home Assistant through an MQTT broker"),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
     "phone": Verb("hub.phone.commands", "phone", "let a phone be the camera of an observer: only tracks leave it"),
+    "history": Verb("hub.history.commands", "history", "list what happened in a scene, also as CSV or JSON"),
+    "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
     "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
     "calibrate": Verb(
         "observer.calibration.commands", "calibrate", "make camera files from boards, known points or other formats"

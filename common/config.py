@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from common.config_events import HistoryConfig, NotifyConfig
 from common.config_input import describe_fault, override
 from common.config_sections import (
     FusionConfig,
@@ -51,6 +52,8 @@ class Scene(Section):
     teaching: TeachingConfig = TeachingConfig()
     metrics: MetricsConfig = MetricsConfig()
     watch: WatchConfig = WatchConfig()
+    history: HistoryConfig = HistoryConfig()
+    notify: dict[str, NotifyConfig] = Field(default_factory=dict)
     _folder: Path | None = PrivateAttr(default=None)
     _models: Path | None = PrivateAttr(default=None)
     _file: Path | None = PrivateAttr(default=None)
@@ -71,6 +74,10 @@ class Scene(Section):
         if strange:
             known = ", ".join(self.vocabulary or ())
             raise BadInput(f"fusion.periodic = {strange[0]!r}: no movement of the vocabulary; known: {known}")
+        for name in self.notify:
+            identifier(name, "notify")
+            if bool(self.notify[name].url) == bool(self.notify[name].url_file):
+                raise BadInput(f"notify.{name}: needs url, or url_file with the name of a file that holds it")
         self.watch.require_observers(self.observers)
         if self.fusion.quorum > len(self.observers):
             raise BadInput(

@@ -271,7 +271,8 @@ class DashboardConfig(Section):
 
 
 class HubConfig(Section):
-    """[hub]: listeners. start: those that `labanmesh up` starts, of "mqtt" and "dashboard".
+    """[hub]: listeners. start: those that `labanmesh up` starts, of "mqtt" and "dashboard"; with [history] or
+    [notify.NAME] it also starts `hub events`.
 
     certainty: the probability from which a movement is announced before it is decided; 1: never.
     """

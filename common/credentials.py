@@ -33,7 +33,7 @@ class MeshFault:
 class Certificate:
     """The content of a certificate that labanmesh uses.
 
-    roles: `observer:cam1`, `fusion:fusion`, `hub`, `router`, `pictures`, `teach`; for one scene of several
+    roles: `observer:cam1`, `fusion:fusion`, `hub`, `router`, `pictures`, `teach`, `history`; for one scene of several
     `observer:home/cam1`, `hub:home`.
     """
 

@@ -169,6 +169,8 @@ def jobs(path: Path, scene: Scene) -> list[Job]:
     by_hand = _fed_by_hand(scene)
     observe = [Job(name, [*python, "observe", str(path), name]) for name in scene.roster if name not in by_hand]
     hubs = [Job(f"[{name}]", [*python, *HUBS[name], str(path)], lasting=True) for name in scene.hub.start]
+    if scene.history.file or scene.notify:
+        hubs.append(Job("[events]", [*python, "hub", "events", str(path)], lasting=True))
     return [*fuse, *observe, *hubs]
 
 

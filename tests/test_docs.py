@@ -18,6 +18,7 @@ from source_imports import ROOMS
 
 from common import messages
 from common.config import Scene
+from common.config_events import HistoryConfig, NotifyConfig
 from common.config_sections import (
     ClipsConfig,
     DashboardConfig,
@@ -296,6 +297,9 @@ SECTIONS = {
     "metrics": MetricsConfig,
     "teaching": TeachingConfig,
     "watch": WatchConfig,
+    "history": HistoryConfig,
+    "notify": None,
+    "notify.NAME": NotifyConfig,
     "watch.fallen": FallenConfig,
 }
 

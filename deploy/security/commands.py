@@ -95,6 +95,7 @@ def add(
         bool, typer.Option("--pictures", help="As a hub it also gets the observers' live pictures.")
     ] = False,
     teach: Annotated[bool, typer.Option("--teach", help="As a hub it may also teach the observers.")] = False,
+    history: Annotated[bool, typer.Option("--history", help="As a hub it may also show what was kept.")] = False,
     host: Host = None,
     days: Days = CERTIFICATE_DAYS,
     to: To = None,
@@ -114,6 +115,7 @@ def add(
         router=router,
         pictures=pictures,
         teach=teach,
+        history=history,
     )
     roles = roles_of(authority.scenes, name, requested)
     hosts = _hosts(authority.scenes[0], host or []) if roles.router else tuple(host or ())

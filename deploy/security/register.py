@@ -25,7 +25,7 @@ class Roles(BaseModel):
     """The roles of a machine; it may have several.
 
     hub_of: the scenes of a hub that is not one of all scenes. pictures: what it may listen to as a hub includes live
-    pictures. teach: as a hub it may also teach the observers.
+    pictures. teach: as a hub it may also teach the observers. history: as a hub it may also show the history.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -36,11 +36,13 @@ class Roles(BaseModel):
     router: bool = False
     pictures: bool = False
     teach: bool = False
+    history: bool = False
 
     @property
     def words(self) -> tuple[str, ...]:
         """The roles as the certificate carries them: `observer:cam1`, `fusion:home/fusion`, `hub`, `hub:home`."""
         flags = [("hub", self.hub), ("router", self.router), ("pictures", self.pictures), ("teach", self.teach)]
+        flags.append(("history", self.history))
         by_id = [("observer", self.observers), ("fusion", self.fusions), ("hub", self.hub_of)]
         words = [f"{kind}:{name}" for kind, names in by_id for name in names]
         return (*words, *(word for word, has in flags if has))
@@ -74,6 +76,7 @@ class Roles(BaseModel):
             router=self.router,
             pictures=self.pictures,
             teach=self.teach,
+            history=self.history,
         )
 
     def __str__(self) -> str:
@@ -174,7 +177,7 @@ class Register:
             file = _File(version=SEVERAL_SCENES, scenes=self.scenes, certificates=list(self.certificates))
             unused = set()
         # Older installations read a register without these rights.
-        rights = ("pictures", "teach")
+        rights = ("pictures", "teach", "history")
         unused |= {name for name in rights if not any(getattr(each.roles, name) for each in self.certificates)}
         exclude: Any = {("scenes" if file.scene else "scene"): True, "certificates": {"__all__": {"roles": unused}}}
         return file.model_dump_json(indent=1, exclude=exclude) + "\n"

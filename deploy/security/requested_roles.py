@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 56
 """A common name has 64 characters at most, and the generation needs some."""
-HUB_RIGHTS = {"pictures": "gets pictures", "teach": "teaches"}
+HUB_RIGHTS = {"pictures": "gets pictures", "teach": "teaches", "history": "shows the history"}
 """What a hub may do besides listening, by option."""
 
 

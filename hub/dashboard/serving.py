@@ -174,7 +174,7 @@ def serve_capture(
 
 
 def has_right(scene: "Scene", right: str) -> bool:
-    """Whether this process's certificate, if the mesh has any, is for live `pictures`, or to `teach`."""
+    """Whether this process's certificate, if the mesh has any, is for `pictures`, to `teach`, or for `history`."""
     if not scene.mesh.credentials:
         return True
     # Slow to import, and needed only with certificates.

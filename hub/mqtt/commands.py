@@ -59,3 +59,22 @@ def mqtt(
     log_to_stderr()
     with stop_on_signals() as stop:
         serve(configs, stop)
+
+
+@hub.command()
+def events(scene: Annotated[Path, typer.Argument(metavar="SCENE", help="The scene file, as given to fuse.")]) -> None:
+    """Keep verdicts and falls in the file of [history], and tell the receivers of [notify.NAME].
+
+    Example: labanmesh hub events scene.toml
+    """
+    from common.lifecycle import log_to_stderr, stop_on_signals
+    from common.link import Link
+    from hub.history.service import require_something, serve
+    from hub.notify.notifying import receivers_of
+
+    config = read_scene(scene)
+    require_something(config)
+    receivers_of(config)
+    log_to_stderr()
+    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
+        serve(config, link, stop)

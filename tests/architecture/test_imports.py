@@ -51,7 +51,8 @@ IMPURE = {
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
         "deploy.doctor.machine deploy.doctor.scene_file deploy.scene_lock deploy.start_barrier "
-        "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
+        "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history hub.database "
+        "hub.history.history_file hub.history.keeper hub.notify.notification_queue hub.notify.notifying "
         "hub.phone.*_file hub.phone.static_pages "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
@@ -67,6 +68,7 @@ IMPURE = {
         "hub.lan hub.phone.code_page hub.phone.serving "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
+        "hub.notify.sender hub.notify.webhook "
         "hub.teaching.rehearsal hub.teaching.scene_here hub.teaching.terminal hub.teaching.terminal_lesson "
         "studies.performer.cameras "
         "studies.demo* studies.effort "

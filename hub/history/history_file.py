@@ -1,0 +1,168 @@
+"""The file of a scene's history: SQLite, one row for each movement and each fall, with its last word.
+
+1. A row is on the disk when `add` returns: a kill afterwards loses nothing.
+2. A later word replaces an earlier one; a word that comes late changes nothing.
+3. What is too old, or too much, is deleted by `delete_old`; deleted rows are overwritten.
+4. The program that writes is `labanmesh hub events`; corrections and forgetting are written by whoever does them.
+"""
+
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from common import SECOND_NS
+from hub.database import BUSY_S, faults_of, opened, opened_to_read, transaction
+from hub.history.records import HistoryRow, Kind
+
+VERSION = 1
+SCHEMA = (
+    "CREATE TABLE events (seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, id TEXT NOT NULL, label TEXT NOT NULL, "
+    "stage TEXT NOT NULL, began_ns INTEGER NOT NULL, at_ns INTEGER NOT NULL, ended_ns INTEGER, p REAL, k INTEGER, "
+    "n INTEGER, revises TEXT, corrected TEXT, detail TEXT NOT NULL, UNIQUE (kind, id))",
+    "CREATE INDEX events_began ON events (began_ns)",
+    "CREATE INDEX events_label ON events (label, began_ns)",
+)
+ADD = (
+    "INSERT INTO events (kind, id, label, stage, began_ns, at_ns, ended_ns, p, k, n, revises, detail) "
+    "VALUES (:kind, :id, :label, :stage, :began_ns, :at_ns, :ended_ns, :p, :k, :n, :revises, :detail) "
+    "ON CONFLICT (kind, id) DO UPDATE SET label = excluded.label, stage = excluded.stage, at_ns = excluded.at_ns, "
+    "ended_ns = excluded.ended_ns, p = excluded.p, k = excluded.k, n = excluded.n, revises = excluded.revises, "
+    "detail = excluded.detail WHERE excluded.at_ns > at_ns OR (excluded.at_ns = at_ns AND excluded.stage = 'ended')"
+)
+END_FALL = (
+    "UPDATE events SET stage = :stage, ended_ns = :ended_ns, at_ns = :at_ns "
+    "WHERE kind = 'fall' AND id = :id AND ended_ns IS NULL"
+)
+FIELDS = ", ".join(HistoryRow.__slots__)
+DAY_NS, MB = 86_400 * SECOND_NS, 1_000_000
+TOO_MUCH = 0.1
+"""Share of the rows that are deleted at once when the file is too large."""
+MOST_ROWS = 100_000
+"""Rows of one answer."""
+
+
+@dataclass(frozen=True, slots=True)
+class HistoryQuery:
+    """Which rows: all that fit, the newest first. kind, label: "" for any. from_ns: first begin, until_ns: after the
+    last. limit: so many at most."""
+
+    kind: Kind | str = ""
+    label: str = ""
+    from_ns: int | None = None
+    until_ns: int | None = None
+    limit: int = 1000
+
+    def statement(self) -> tuple[str, list[object]]:
+        """The SQL and its parameters."""
+        conditions = {
+            "kind = ?": self.kind or None,
+            "label = ?": self.label or None,
+            "began_ns >= ?": self.from_ns,
+            "began_ns < ?": self.until_ns,
+        }
+        used = {text: value for text, value in conditions.items() if value is not None}
+        where = f" WHERE {' AND '.join(used)}" if used else ""
+        order = " ORDER BY began_ns DESC, seq DESC LIMIT ?"
+        return f"SELECT {FIELDS} FROM events{where}{order}", [*used.values(), min(self.limit, MOST_ROWS)]  # noqa: S608
+
+
+class HistoryFile:
+    """An open history file, to read from and, unless it was opened by `to_read`, to write to."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        self.path, self._connection = path, connection
+
+    @classmethod
+    def to_write(cls, path: Path, busy_s: float = BUSY_S) -> Self:
+        """Open it, and make it if it is not there; raises DatabaseFault."""
+        return cls(path, opened(path, VERSION, SCHEMA, busy_s=busy_s))
+
+    @classmethod
+    def to_read(cls, path: Path) -> Self:
+        """Open it to read; raises DatabaseFault, also if it is not there."""
+        return cls(path, opened_to_read(path, VERSION))
+
+    def add(self, *rows: HistoryRow) -> None:
+        """Keep these rows; they are on the disk when this returns. Raises DatabaseFault."""
+        with transaction(self.path, self._connection) as connection:
+            for row in rows:
+                fields = {name: getattr(row, name) for name in HistoryRow.__slots__}
+                is_end = row.kind == "fall" and row.stage == "up"
+                connection.execute(END_FALL if is_end else ADD, fields)
+
+    def correct(self, labels: dict[str, str]) -> int:
+        """Note what movements were, by the id of their verdicts; how many are known. Raises DatabaseFault."""
+        with transaction(self.path, self._connection) as connection:
+            statement = "UPDATE events SET corrected = ? WHERE kind = 'verdict' AND id = ?"
+            return sum(connection.execute(statement, (label, verdict)).rowcount for verdict, label in labels.items())
+
+    def forget(self, label: str = "") -> int:
+        """Delete the rows of a label, also of one that was corrected to or from it; all for "". Returns how many."""
+        with transaction(self.path, self._connection) as connection:
+            if label:
+                statement = "DELETE FROM events WHERE ? IN (label, revises, corrected)"
+                deleted = connection.execute(statement, (label,)).rowcount
+            else:
+                deleted = connection.execute("DELETE FROM events").rowcount
+        self._compact()
+        return deleted
+
+    def delete_old(self, now_ns: int, keep_days: float, keep_mb: float) -> int:
+        """Delete what is older than `keep_days`, and the oldest while the file has more than `keep_mb`; how many."""
+        with transaction(self.path, self._connection) as connection:
+            oldest_ns = now_ns - round(keep_days * DAY_NS)
+            deleted = connection.execute("DELETE FROM events WHERE at_ns < ?", (oldest_ns,)).rowcount
+            while self._used_bytes() > keep_mb * MB and (rows := self.rows):
+                statement = "DELETE FROM events WHERE seq IN (SELECT seq FROM events ORDER BY at_ns, seq LIMIT ?)"
+                deleted += connection.execute(statement, (max(round(TOO_MUCH * rows), 1),)).rowcount
+        if deleted:
+            self._compact()
+        return deleted
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        with faults_of(self.path):
+            count: int = self._connection.execute("SELECT count(*) FROM events").fetchone()[0]
+            return count
+
+    @property
+    def newest_ns(self) -> int:
+        """The time of the newest word; 0 for an empty file."""
+        with faults_of(self.path):
+            newest: int | None = self._connection.execute("SELECT max(at_ns) FROM events").fetchone()[0]
+            return newest or 0
+
+    def select(self, query: HistoryQuery) -> Sequence[HistoryRow]:
+        """The rows that fit, the newest first; raises DatabaseFault."""
+        with faults_of(self.path):
+            return [HistoryRow(*row) for row in self._connection.execute(*query.statement())]
+
+    def labels(self) -> list[str]:
+        """All labels, in order."""
+        with faults_of(self.path):
+            return [row[0] for row in self._connection.execute("SELECT DISTINCT label FROM events ORDER BY label")]
+
+    def close(self) -> None:
+        """Close the file."""
+        self._connection.close()
+
+    def _used_bytes(self) -> int:
+        pages, free, size = (
+            self._connection.execute(f"PRAGMA {each}").fetchone()[0]
+            for each in ("page_count", "freelist_count", "page_size")
+        )
+        return int((pages - free) * size)
+
+    def _compact(self) -> None:
+        """Leave nothing of deleted rows in the log beside the file."""
+        with faults_of(self.path):
+            self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

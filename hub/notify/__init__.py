@@ -1,0 +1,1 @@
+"""Tells other programs and phones of movements and falls: webhooks, ntfy, Gotify, Slack, Discord."""

@@ -1,0 +1,113 @@
+"""Sends what waits for one receiver, in order, in a thread of its own: nothing else waits for the receiver."""
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from common import SECOND_NS
+from common.config_events import NotifyConfig
+from common.text import plural
+from hub.database import DatabaseFault
+from hub.notify.notification import WebhookRequest, signed
+from hub.notify.notification_queue import NotificationQueue, Waiting
+from hub.notify.webhook import WebhookResult, post
+
+log = logging.getLogger("labanmesh.hub")
+HOUR_NS = 3600 * SECOND_NS
+IDLE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Receiver:
+    """A [notify.NAME] of the scene file, with its secrets."""
+
+    name: str
+    config: NotifyConfig
+    url: str
+    token: str = ""
+    secret: str = ""
+
+    def send(self, request: WebhookRequest) -> WebhookResult:
+        """Send one request now."""
+        return post(self.url, signed(request, self.secret, int(time.time())), self.config.timeout_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Pauses:
+    """Between two attempts: the first, doubled each time up to the longest, s."""
+
+    first_s: float = 1.0
+    longest_s: float = 300.0
+
+    def after(self, failures: int) -> float:
+        """The pause after so many failures in a row."""
+        return float(min(self.first_s * 2 ** min(failures - 1, 30), self.longest_s))
+
+
+class WebhookSender:
+    """The thread; clock: Unix epoch in ns."""
+
+    def __init__(
+        self,
+        receiver: Receiver,
+        queue: NotificationQueue,
+        pauses: Pauses | None = None,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._receiver, self._queue, self._clock = receiver, queue, clock
+        self._pauses = pauses or Pauses()
+        self._wake, self._ended = threading.Event(), threading.Event()
+        self._failures, self._fault = 0, ""
+        self._thread = threading.Thread(target=self._run, name=f"notify-{receiver.name}", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Something new waits."""
+        self._wake.set()
+
+    def close(self) -> None:
+        """End after the request that is being sent; what waits stays in the queue."""
+        self._ended.set()
+        self._wake.set()
+        self._thread.join(self._receiver.config.timeout_s + 1.0)
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                waiting = self._queue.oldest(self._receiver.name)
+                pause_s = IDLE_S if waiting is None else self._send(waiting)
+            except DatabaseFault as error:
+                pause_s = self._failed(str(error))
+            if self._failures:
+                # Not woken by what is new: it comes after what could not be sent.
+                self._ended.wait(pause_s)
+            elif pause_s:
+                self._wake.wait(pause_s)
+                self._wake.clear()
+
+    def _send(self, waiting: Waiting) -> float:
+        """Send one; returns how long to pause."""
+        if self._clock() - waiting.since_ns > self._receiver.config.keep_hours * HOUR_NS:
+            self._queue.remove(waiting.seq)
+            log.warning("notify.%s: given up after %g h: %s", self._receiver.name, self._receiver.config.keep_hours,
+                        waiting.request.headers.get("X-Labanmesh-Id", ""))  # fmt: skip
+            return 0.0
+        result = self._receiver.send(waiting.request)
+        if result.fault and not result.is_final:
+            return self._failed(result.fault)
+        self._queue.remove(waiting.seq)
+        if result.fault:
+            log.warning("notify.%s: refused for good: %s", self._receiver.name, result.fault)
+        elif self._failures:
+            log.warning("notify.%s: works again after %s", self._receiver.name, plural(self._failures, "failure"))
+        self._failures, self._fault = 0, ""
+        return 0.0
+
+    def _failed(self, fault: str) -> float:
+        self._failures += 1
+        if fault != self._fault:
+            self._fault = fault
+            log.warning("notify.%s: %s; it is tried again, and what is due waits", self._receiver.name, fault)
+        return self._pauses.after(self._failures)

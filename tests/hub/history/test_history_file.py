@@ -1,0 +1,230 @@
+"""The file of a scene's history, and what happens when it cannot be used."""
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from common.config_events import HistoryConfig
+from common.fall_messages import FallMessage
+from common.messages import Agreement
+from hub.database import DatabaseFault
+from hub.history.history_file import DAY_NS, HistoryFile, HistoryQuery
+from hub.history.keeper import HistoryKeeper
+from hub.history.records import HistoryRow, row_of
+from hub.history.wording import row_line
+
+NOON = 1_700_000_000 * SECOND_NS
+
+
+def row(number=1, label="wave", at_ns=NOON, **more):
+    fields = {"stage": "ended", "began_ns": at_ns - SECOND_NS, "ended_ns": at_ns, "p": 0.9, "k": 3, "n": 4, **more}
+    return HistoryRow("verdict", f"v{number}", label, at_ns=at_ns, **fields)
+
+
+def fall(stage="fallen", at_ns=NOON, **more):
+    fields = {"scene": "room", "fusion": "fusion", "session": "s", "id": "fall-1", "since_ns": at_ns - SECOND_NS}
+    agreement = Agreement(k=2, n=2)
+    return FallMessage(**{**fields, "at_ns": at_ns, "stage": stage, "lying": 0.9, "agreement": agreement, **more})
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "history.db"
+
+
+def test_the_last_word_on_a_movement_is_kept(path, make):
+    with HistoryFile.to_write(path) as file:
+        decided = make.verdict(label="ok", stage="decided", at_ns=NOON)
+        ended = make.verdict(
+            label="nthrow", stage="ended", at_ns=NOON + SECOND_NS, ended_ns=NOON + SECOND_NS, revises="ok"
+        )
+        for message in (decided, ended, decided):
+            file.add(row_of(message))
+        (kept,) = file.select(HistoryQuery())
+        assert (kept.label, kept.stage, kept.revises, kept.ended_ns) == ("nthrow", "ended", "ok", NOON + SECOND_NS)
+    assert path.stat().st_mode & 0o077 == 0
+
+
+def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
+    with HistoryFile.to_write(path) as file:
+        assert row_of(fall("low")) is None and row_of(fall("up", id=None)) is None
+        file.add(row_of(fall()))
+        assert file.select(HistoryQuery(kind="fall"))[0].ended_ns is None
+        file.add(row_of(fall("up", NOON + 9 * SECOND_NS)))
+        (kept,) = file.select(HistoryQuery(kind="fall"))
+        assert kept.ended_ns == NOON + 8 * SECOND_NS and kept.began_ns == NOON - SECOND_NS and kept.k == 2
+        file.add(row_of(fall("up", id="fall-2")))
+        assert file.rows == 1, "whoever lay for a moment has not fallen"
+        assert "up again after 9.0 s" in row_line(kept)[1]
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from("ab"), st.integers(0, 9)), max_size=30), st.data())
+def test_filters_find_what_a_loop_finds(events, data):
+    with HistoryFile(None, sqlite3.connect(":memory:", isolation_level=None)) as file:
+        from hub.history.history_file import SCHEMA
+
+        for statement in SCHEMA:
+            file._connection.execute(statement)
+        expected = {}
+        for number, label, second in events:
+            each = row(number, label, NOON + second * SECOND_NS)
+            file.add(each)
+            before = expected.get(number)
+            if before is None or each.at_ns >= before.at_ns:
+                began = before.began_ns if before else each.began_ns
+                expected[number] = replace(each, began_ns=began)
+        label, begin = data.draw(st.sampled_from(["", "a", "b"])), data.draw(st.integers(0, 9))
+        query = HistoryQuery("", label, NOON + (begin - 1) * SECOND_NS, NOON + 8 * SECOND_NS)
+        wanted = {
+            each.id
+            for each in expected.values()
+            if label in ("", each.label) and query.from_ns <= each.began_ns < query.until_ns
+        }
+        found = file.select(query)
+        assert {each.id for each in found} == wanted
+        assert [each.began_ns for each in found] == sorted((each.began_ns for each in found), reverse=True)
+
+
+def test_what_is_old_or_too_much_is_deleted_and_leaves_nothing(path):
+    with HistoryFile.to_write(path) as file:
+        file.add(*(row(n, "secretword", NOON - n * DAY_NS) for n in range(10)))
+        assert file.delete_old(NOON, 3.5, 100) == 6 and file.rows == 4
+        file.add(*(row(n, at_ns=NOON + n, detail=json.dumps({"why": "x" * 2000})) for n in range(100, 2000)))
+        file.delete_old(NOON, 30, 1)
+        assert 0 < file.rows < 600
+        assert file.select(HistoryQuery(limit=1))[0].id == "v1999"
+        file.forget("secretword")
+    content = b"".join(each.read_bytes() for each in path.parent.iterdir())
+    assert b"secretword" not in content
+
+
+def test_corrections_and_forgetting(path):
+    with HistoryFile.to_write(path) as file:
+        file.add(row(1), row(2, "clap"), row(3, "bow"))
+        assert file.correct({"v1": "clap", "v3": "", "unknown": "bow"}) == 2
+        kept = {each.id: each.corrected for each in file.select(HistoryQuery())}
+        assert kept == {"v1": "clap", "v2": None, "v3": ""}
+        file.add(row(1, at_ns=NOON + 1))
+        assert {each.id: each.corrected for each in file.select(HistoryQuery())}["v1"] == "clap"
+        assert file.forget("clap") == 2 and file.labels() == ["bow"]
+        assert file.forget() == 1 and file.rows == 0
+
+
+WRITER = """
+import sys
+from pathlib import Path
+from hub.history.history_file import HistoryFile
+from hub.history.records import HistoryRow
+with HistoryFile.to_write(Path(sys.argv[1])) as file:
+    n = file.rows
+    while True:
+        n += 1
+        file.add(HistoryRow("verdict", f"v{n}", "wave", "ended", n, n, n))
+        print(n, flush=True)
+"""
+
+
+def test_no_row_that_was_acknowledged_is_lost_by_a_kill(path):
+    """Ten kills here; `python -m benchmarks.history` does a hundred."""
+    for _ in range(10):
+        with subprocess.Popen([sys.executable, "-c", WRITER, str(path)], stdout=subprocess.PIPE) as writer:
+            lines = [writer.stdout.readline() for _ in range(5)]
+            os.kill(writer.pid, signal.SIGKILL)
+            lines += writer.stdout.read().splitlines(keepends=True)
+        acknowledged = max(int(line) for line in lines if line.endswith(b"\n"))
+        with HistoryFile.to_read(path) as file:
+            assert file.rows >= acknowledged
+
+
+class Keeper:
+    """A keeper whose time the test sets."""
+
+    def __init__(self, path):
+        self.now_s, self.path = 0.0, path
+        self.keeper = HistoryKeeper(path, HistoryConfig(file="h.db"), lambda: self.now_s, lambda: NOON)
+
+    def later(self):
+        self.now_s += 10
+        self.keeper.work()
+
+    def kept(self):
+        with HistoryFile.to_read(self.path) as file:
+            return file.rows
+
+
+def test_a_locked_file_loses_nothing_and_is_one_line(path, caplog):
+    keeper = Keeper(path)
+    keeper.keeper.add(row(1))
+    other = sqlite3.connect(path, isolation_level=None)
+    other.execute("BEGIN EXCLUSIVE")
+    for number in range(2, 5):
+        keeper.keeper.add(row(number))
+        keeper.later()
+    assert caplog.text.count("locked by another program") == 1
+    other.execute("ROLLBACK")
+    other.close()
+    keeper.later()
+    assert keeper.kept() == 4 and "can be written again" in caplog.text
+
+
+def test_a_damaged_file_is_moved_aside_and_a_new_one_begun(path, caplog):
+    path.write_bytes(b"this is no database at all, and long enough to be looked at" * 50)
+    keeper = Keeper(path)
+    keeper.keeper.add(row(1))
+    keeper.later()
+    assert keeper.kept() == 1 and caplog.text.count("not a SQLite file") == 1
+    assert [each.name for each in path.parent.glob("*damaged-*")] == [f"history.db.damaged-{NOON // SECOND_NS}"]
+
+
+def test_a_file_of_a_newer_version_is_left_alone(path, caplog):
+    with HistoryFile.to_write(path) as file:
+        file.add(row(1))
+    with sqlite3.connect(path) as newer:
+        newer.execute("PRAGMA user_version = 7")
+    newer.close()
+    with pytest.raises(DatabaseFault, match="version 7, written by a newer labanmesh; this one reads up to 1"):
+        HistoryFile.to_read(path)
+    Keeper(path).keeper.add(row(2))
+    assert caplog.text.count("newer labanmesh") == 1 and not list(path.parent.glob("*damaged*"))
+
+
+def test_a_full_disk_loses_nothing_that_fits_into_memory(path, caplog):
+    keeper = Keeper(path)
+    keeper.keeper.add(row(1))
+    connection = keeper.keeper._file._connection
+    pages = connection.execute("PRAGMA page_count").fetchone()[0]
+    connection.execute(f"PRAGMA max_page_count = {pages}")
+    keeper.keeper.add(row(2, detail=json.dumps({"why": "x" * 100_000})))
+    assert caplog.text.count("the disk is full; make room") == 1
+    keeper.later()
+    assert keeper.kept() == 2
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path, caplog):
+    Keeper(tmp_path / "nowhere" / "history.db").keeper.add(row(1))
+    assert "no such file or directory" in caplog.text
+
+
+def test_a_clock_that_was_set_back_is_one_line_and_loses_nothing(path, caplog):
+    keeper = Keeper(path)
+    for number, hour in enumerate((10, 11, 5, 6, 7)):
+        keeper.keeper.add(row(number, at_ns=NOON + hour * 3600 * SECOND_NS))
+    assert keeper.kept() == 5 and caplog.text.count("was set back by 21600 s") == 1
+
+
+def test_waiting_rows_are_bounded_and_counted(path, monkeypatch):
+    monkeypatch.setattr("hub.history.keeper.WAITING_LIMIT", 3)
+    keeper = Keeper(path.parent / "nowhere" / "h.db")
+    keeper.keeper._waiting = type(keeper.keeper._waiting)(maxlen=3)
+    for number in range(5):
+        keeper.keeper.add(row(number))
+    assert keeper.keeper.lost == 2

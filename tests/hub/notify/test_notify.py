@@ -1,0 +1,332 @@
+"""What is told, in which form, and what arrives at a real HTTP server that fails, is slow, comes back."""
+
+import gc
+import hashlib
+import hmac
+import json
+import threading
+import time
+import tracemalloc
+
+import pytest
+from processes import until
+from webhook_server import WebhookServer
+
+from common import SECOND_NS
+from common.config import read_scene
+from common.config_events import NotifyConfig
+from common.errors import BadInput
+from common.fall_messages import FallMessage
+from common.messages import Agreement
+from hub.database import DatabaseFault
+from hub.notify.notification import notification_of, request_of, signed, text_of
+from hub.notify.notification_queue import NotificationQueue
+from hub.notify.notifying import Notifying
+from hub.notify.sender import Pauses, Receiver
+from labanmesh import main
+
+NOON = 1_700_000_000 * SECOND_NS
+QUICK = Pauses(0.01, 0.05)
+
+
+def fall(stage="fallen", number=1):
+    return FallMessage(
+        scene="room", fusion="fusion", session="s", at_ns=NOON, since_ns=NOON, stage=stage, id=f"fall-{number}",
+        lying=0.93, agreement=Agreement(k=2, n=3),
+    )  # fmt: skip
+
+
+def config(**more):
+    return NotifyConfig(**{"url": "http://127.0.0.1:9/hook", "labels": ("*",), "page": "http://house:8420/", **more})
+
+
+def scene_with(tmp_path, url, more=""):
+    path = tmp_path / "s.toml"
+    path.write_text(
+        f'scene = "room"\n[observers.cam1]\nsource = "a.npz"\n[notify.phone]\nurl = "{url}"\nlabels = ["*"]\n{more}'
+    )
+    return read_scene(path, {})
+
+
+class Told:
+    """Verdicts that are told by the scene's receivers."""
+
+    def __init__(self, tmp_path, url, more="cooldown_s = 0\ntimeout_s = 0.3\n"):
+        self.scene = scene_with(tmp_path, url, more)
+        self.notifying = self.started()
+
+    def started(self):
+        return Notifying(self.scene, time.monotonic, lambda: NOON, QUICK)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.notifying.close()
+
+    def tell(self, make, *numbers):
+        for number in numbers:
+            began_ns = NOON + number * SECOND_NS
+            self.notifying.take(make.verdict(number, label=f"m{number}", began_ns=began_ns), answered=False)
+
+
+def test_a_notification_says_what_when_how_sure_and_a_link(make):
+    note = notification_of(make.verdict(label="nthrow"), config())
+    request = request_of(note, config())
+    fields = json.loads(request.body)
+    assert fields["what"] == "nthrow" and fields["sure"] == "60% sure, 1 of 2 agree" and fields["p"] == 0.6
+    assert fields["link"] == "http://house:8420/" and fields["when"].startswith("2023-11-14T22:13:19")
+    assert fields["text"].startswith("nthrow at ")
+    alarm = notification_of(fall(), config())
+    assert alarm.is_urgent and alarm.sure == "93% sure, 2 of 3 see the person lie"
+    assert notification_of(fall("up"), config()).what == "up again"
+    assert notification_of(fall("low"), config()) is None and notification_of(fall(), config(falls=False)) is None
+    assert notification_of(make.verdict(label="abstain"), config()) is None
+    assert notification_of(make.verdict(label="wave"), config(labels=("clap",))) is None
+
+
+@pytest.mark.parametrize(
+    ("preset", "field", "text"),
+    [("gotify", "message", "somebody has fallen at"), ("slack", "text", "<http://house:8420/|Open the page>"),
+     ("discord", "content", "**room: somebody has fallen**"), ("json", "kind", "fall")],
+)  # fmt: skip
+def test_presets_have_the_form_of_their_receivers(preset, field, text):
+    chosen = config(preset=preset)
+    request = request_of(notification_of(fall(), chosen), chosen, "app-token")
+    assert text in json.loads(request.body)[field] and request.headers["Content-Type"] == "application/json"
+    assert ("X-Gotify-Key" in request.headers) == (preset == "gotify")
+
+
+def test_ntfy_gets_text_and_headers():
+    chosen = config(preset="ntfy", template="{what}! {sure} {link}")
+    request = request_of(notification_of(fall(), chosen), chosen, "tk_secret")
+    assert request.body.decode() == "somebody has fallen! 93% sure, 2 of 3 see the person lie http://house:8420/"
+    assert request.headers["Priority"] == "5" and request.headers["Click"] == "http://house:8420/"
+    assert request.headers["Authorization"] == "Bearer tk_secret" and request.headers["Title"].startswith("room: ")
+
+
+def test_the_signature_is_that_of_time_and_body(make):
+    request = signed(request_of(notification_of(make.verdict(), config()), config()), "key", 1_700_000_000)
+    expected = hmac.new(b"key", b"1700000000." + request.body, hashlib.sha256).hexdigest()
+    assert request.headers["X-Labanmesh-Signature"] == f"sha256={expected}"
+    assert request.headers["X-Labanmesh-Timestamp"] == "1700000000"
+
+
+@pytest.mark.parametrize("template", ["{what.__class__}", "{0}", "{nobody}", "{", "{what!r:{sure}}}"])
+def test_a_template_holds_the_known_fields_alone(template):
+    with pytest.raises(ValueError, match=r"template|braces"):
+        config(template=template)
+
+
+@pytest.mark.parametrize("line", ['url = "ftp://host/x"', "", 'url = "http://a/b"\nurl_file = "f"', 'preset = "sms"'])
+def test_bad_settings_are_one_line(tmp_path, line):
+    (tmp_path / "s.toml").write_text(f'scene = "room"\n[observers.cam1]\nsource = "a.npz"\n[notify.phone]\n{line}\n')
+    with pytest.raises(BadInput) as caught:
+        read_scene(tmp_path / "s.toml", {})
+    assert "notify" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_all_that_is_due_arrives_once_in_order_at_a_server_that_fails_is_slow_and_comes_back(make, tmp_path, caplog):
+    down = threading.Event()
+
+    def answer(number, handler):
+        if down.is_set():
+            return 500 if number % 2 else 503
+        server.ended.wait(0.005)
+        return 200
+
+    with WebhookServer(answer) as server, Told(tmp_path, server.url) as told:
+        told.tell(make, *range(5))
+        until(lambda: len(server.accepted) == 5)
+        down.set()
+        told.tell(make, *range(5, 40))
+        until(lambda: len(server.requests) > 12)
+        down.clear()
+        told.tell(make, *range(40, 50))
+        until(lambda: len(server.accepted) == 50)
+        assert server.texts == [f"m{number}" for number in range(50)]
+    assert "answers 50" in caplog.text and "works again" in caplog.text
+
+
+def test_what_waits_outlives_a_restart_and_nothing_is_told_twice(make, tmp_path):
+    with WebhookServer(lambda number, handler: 500) as server, Told(tmp_path, server.url) as told:
+        told.tell(make, 0, 1, 2)
+        until(lambda: server.requests)
+        told.notifying.close()
+        server.answer = lambda number, handler: 200
+        told.notifying = told.started()
+        told.tell(make, 2, 3)
+        until(lambda: len(server.accepted) == 4)
+        assert server.texts == ["m0", "m1", "m2", "m3"]
+
+
+def test_a_label_cools_down_and_both_words_on_a_movement_are_one(make, tmp_path):
+    with WebhookServer() as server, Told(tmp_path, server.url, "cooldown_s = 60\n") as told:
+        for second in (0, 30, 59, 61, 200):
+            verdict = make.verdict(second, label="wave", began_ns=NOON + second * SECOND_NS)
+            told.notifying.take(verdict, answered=False)
+            told.notifying.take(verdict.model_copy(update={"ended_ns": NOON, "stage": "ended"}), answered=False)
+        told.notifying.take(fall(), answered=False)
+        until(lambda: len(server.accepted) == 4)
+        assert server.texts == ["wave", "wave", "wave", "somebody has fallen"]
+
+
+def hang(number, handler):
+    handler.server.timeout = None
+    SERVERS[-1].ended.wait(5)
+
+
+def drip(number, handler):
+    handler.wfile.write(b"HTTP/1.1 200 OK\r\n")
+    while not SERVERS[-1].ended.wait(0.05):
+        handler.wfile.write(b"X-A: b\r\n")
+        handler.wfile.flush()
+
+
+def redirect(number, handler):
+    handler.send_response(302)
+    handler.send_header("Location", "http://elsewhere/\x1b[31m")
+    handler.end_headers()
+
+
+def endless(status):
+    def answer(number, handler):
+        handler.send_response(status)
+        handler.send_header("Content-Length", str(10 * 2**30))
+        handler.end_headers()
+        while True:
+            handler.wfile.write(bytes(1 << 16))
+
+    return answer
+
+
+def nonsense(number, handler):
+    handler.wfile.write(b"\x00\xff no HTTP\r\n\r\n")
+
+
+SERVERS = []
+
+
+@pytest.mark.parametrize(
+    ("answer", "line"),
+    [
+        (hang, "no answer within 0.3 s"),
+        (drip, "no answer within 0.3 s"),
+        (redirect, "redirects to http://elsewhere/"),
+        (endless(500), "answers 500"),
+        (nonsense, ""),
+        (lambda number, handler: 404, "answers 404"),
+    ],
+    ids=["hang", "drip", "redirect", "10 GB of error", "nonsense", "404"],
+)
+def test_trouble_is_one_line_and_what_is_due_waits(make, tmp_path, caplog, answer, line):
+    with WebhookServer(answer) as server, Told(tmp_path, server.url) as told:
+        SERVERS.append(server)
+        begun_s = time.monotonic()
+        told.tell(make, 1, 2)
+        assert time.monotonic() - begun_s < 0.3, "nothing waits for the server"
+        until(lambda: len(server.requests) >= 3)
+        lines = [record.message for record in caplog.records if "notify.phone" in record.message]
+        assert len(lines) == 1 and line in lines[0] and lines[0].isprintable()
+        server.answer = lambda number, handler: 200
+        until(lambda: len(server.accepted) == 2)
+
+
+def test_an_answer_of_10_gb_is_an_answer(make, tmp_path):
+    with WebhookServer(endless(200)) as server, Told(tmp_path, server.url) as told:
+        told.tell(make, 1, 2, 3)
+        until(lambda: len(server.requests) == 3)
+
+
+def refuse_first(number, handler):
+    return 400 if number == 1 else 200
+
+
+def test_a_request_that_is_refused_for_good_does_not_hold_up_the_others(make, tmp_path, caplog):
+    with WebhookServer(refuse_first) as server, Told(tmp_path, server.url) as told:
+        told.tell(make, 1, 2)
+        until(lambda: server.texts == ["m2"])
+    assert caplog.text.count("refused for good: answers 400") == 1
+
+
+def test_a_server_that_is_not_there_is_one_line(make, tmp_path, caplog):
+    with Told(tmp_path, "http://127.0.0.1:9/hook") as told:
+        told.tell(make, 1)
+        until(lambda: "connection refused" in caplog.text)
+
+
+def test_the_queue_is_bounded_and_memory_stays_flat(make, tmp_path, caplog):
+    with Told(tmp_path, "http://127.0.0.1:9/hook", "cooldown_s = 0\nkeep = 20\n") as told:
+        told.tell(make, *range(100))
+        gc.collect()
+        tracemalloc.start()
+        told.tell(make, *range(100, 600))
+        gc.collect()
+        grown, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert grown < 1_000_000
+        assert "the queue is full" in caplog.text
+    queue = NotificationQueue(tmp_path / "room.notify.db")
+    assert queue.count("phone") == 20 and queue.oldest("phone").request.headers["X-Labanmesh-Id"] == "v580 m580"
+    queue.close()
+
+
+def test_what_is_too_old_is_given_up(make, tmp_path, caplog):
+    scene = scene_with(tmp_path, "http://127.0.0.1:9/hook", "keep_hours = 0.01\n")
+    now_ns = [NOON]
+    notifying = Notifying(scene, time.monotonic, lambda: now_ns[0], QUICK)
+    try:
+        notifying.take(make.verdict(1), answered=False)
+        until(lambda: "tried again" in caplog.text)
+        now_ns[0] += 60 * SECOND_NS
+        until(lambda: "given up after 0.01 h" in caplog.text)
+    finally:
+        notifying.close()
+
+
+def test_a_queue_of_a_newer_version_is_one_line(make, tmp_path, caplog):
+    path = tmp_path / "room.notify.db"
+    queue = NotificationQueue(path)
+    queue._connection.execute("PRAGMA user_version = 9")
+    queue.close()
+    with pytest.raises(DatabaseFault, match="version 9"):
+        NotificationQueue(path)
+    with Told(tmp_path, "http://127.0.0.1:9/hook") as told:
+        told.tell(make, 1, 2)
+    assert caplog.text.count("newer labanmesh") == 1
+
+
+def test_an_answer_from_long_ago_is_not_told(make, tmp_path):
+    with WebhookServer() as server, Told(tmp_path, server.url) as told:
+        told.notifying.take(make.verdict(1, label="old", at_ns=NOON - 3600 * SECOND_NS), answered=True)
+        told.notifying.take(make.verdict(2, label="new", at_ns=NOON - SECOND_NS), answered=True)
+        until(lambda: server.texts == ["new"])
+
+
+def test_the_command_sends_a_test_and_says_what_is_wrong(tmp_path, capsys):
+    (tmp_path / "token").write_text("tk_1\n")
+    with WebhookServer() as server:
+        scene_with(tmp_path, server.url, 'token_file = "token"\n')
+        path = str(tmp_path / "s.toml")
+        assert main(["notify", path, "--test"]) == 0
+        assert capsys.readouterr().out == "phone: accepted\n" and server.texts == ["a test of labanmesh"]
+        assert server.requests[0][1]["Authorization"] == "Bearer tk_1"
+        server.answer = lambda number, handler: 403
+        assert main(["notify", path, "--test"]) == 1
+        assert capsys.readouterr().out == "phone: answers 403 Forbidden: text\n"
+        assert main(["notify", path]) == 0
+        assert capsys.readouterr().out == "phone: json, 0 waiting\n"
+        assert main(["notify", path, "other"]) == 2 and "known: phone" in capsys.readouterr().err
+        (tmp_path / "token").unlink()
+        assert main(["notify", path, "--test"]) == 2 and "notify.phone.token_file" in capsys.readouterr().err
+
+
+def test_text_without_certainty_has_no_comma_at_its_end():
+    assert text_of(notification_of(fall("up"), config()), config()).count(",") == 0
+
+
+def test_a_receiver_sends_a_signed_request(make):
+    with WebhookServer() as server:
+        receiver = Receiver("phone", config(), server.url, secret="key")  # noqa: S106 - of the test
+        assert not receiver.send(request_of(notification_of(make.verdict(), config()), config())).fault
+        assert server.requests[0][1]["X-Labanmesh-Signature"].startswith("sha256=")
