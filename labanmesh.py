@@ -67,9 +67,7 @@ VERBS = {
     "history": Verb("hub.history.commands", "history", "list what happened in a scene, also as CSV or JSON"),
     "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
     "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
-    "calibrate": Verb(
-        "observer.calibration.commands", "calibrate", "make camera files from boards, known points or other formats"
-    ),
+    "calibrate": Verb("observer.calibration.commands", "calibrate", "make camera files from boards or known points"),
     "look": Verb("observer.preview.commands", "look", "show what a tracker finds in a source"),
     "record": Verb("observer.recording.commands", "record", "record a motion archive with several calibrated cameras"),
     "place": Verb(
