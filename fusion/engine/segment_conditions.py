@@ -63,6 +63,7 @@ class Conditions:
     def __init__(self, config: FusionConfig, vocabulary: Vocabulary) -> None:
         self._threshold, self._quorum, self._hold_ns = config.threshold, config.quorum, config.hold_s * SECOND_NS
         self._pauses: Mapping[str, Pause] = pauses_of(config, vocabulary)
+        self._times = vocabulary.movements
         self.state = SegmentState.IDLE
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
@@ -159,15 +160,20 @@ class Conditions:
         movement, at_ns, held, quiet, label = self.movement, step.state.at_ns, self._held, self._resting, step.named
         if label is None and quiet is not None and quiet.since_ns == at_ns and held is not None and held.agreed_ns:
             label = held.label
-        if movement is None or label is None or self.is_short(at_ns) or step.gap_ns > HIDING_S * SECOND_NS:
+        if movement is None or label is None or self.is_short(at_ns, label) or step.gap_ns > HIDING_S * SECOND_NS:
             return None
         is_carried = movement.carried in (ANY, label) and at_ns - movement.began_ns < CARRIED_S * SECOND_NS
         return None if is_carried and (quiet is None or not step.state.observed) else label
 
-    def is_short(self, at_ns: int) -> bool:
-        """Whether the person has moved for less than `hold_s` (rule 1)."""
-        moved_until_ns = at_ns if self._resting is None else self._resting.since_ns
-        return self.movement is None or moved_until_ns - self.movement.began_ns < self._hold_ns
+    def is_short(self, at_ns: int, label: str | None) -> bool:
+        """Whether the person has moved for too short a time for a movement with this label, or without one (rule 1)."""
+        movement, moved_until_ns = self.movement, at_ns if self._resting is None else self._resting.since_ns
+        if movement is None or moved_until_ns - movement.began_ns < self._hold_ns:
+            return True
+        known = self._times.get(movement.carried or "") if label in (None, movement.carried) else None
+        if known is None or known.shortest_s is None:
+            return False
+        return moved_until_ns - movement.began_ns < (known.shortest_s / 2 - NOTICED_S) * SECOND_NS
 
     def renamed(self) -> str | None:
         """The label that replaces the decided one at rest (rule 6)."""

@@ -3,7 +3,9 @@
 The table of transitions is segment_table.py: (state, event) -> (state, what is published). The design: fusion.md,
 "Segments", with the same numbers.
 
-1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is none.
+1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is none;
+   nor is it, with the label of the one before, if it lasts for less than half of that label's shortest take, less
+   NOTICED_S at its begin: it is the end of that one, after a pause.
 2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
    without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
 3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
@@ -111,7 +113,7 @@ class Segmenter(Conditions):
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Take the durations of movements in `vocabulary` from now on."""
-        self._pauses = pauses_of(self._config, vocabulary)
+        self._pauses, self._times = pauses_of(self._config, vocabulary), vocabulary.movements
 
     def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
         """Take one step; returns the decisions that are due: a first one, a revision, an end."""
@@ -266,7 +268,7 @@ class Segmenter(Conditions):
         movement, decision, quiet, at_ns = self.movement, self.decision, self._quiet, step.state.at_ns
         if movement is None:
             return ()
-        if decision is None and not self.is_short(at_ns) and (label is not None or not movement.early):
+        if decision is None and not self.is_short(at_ns, label) and (label is not None or not movement.early):
             decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         quiet_ns = at_ns if quiet is None else quiet.since_ns
         ended_ns = movement.outage_ns or (quiet_ns if ended_ns is None else ended_ns)

@@ -108,6 +108,19 @@ def test_another_label_ends_a_periodic_movement_as_any_other():
     assert verdicts[1][3] == 8 and verdicts[2][2] == 12
 
 
+@pytest.mark.parametrize(
+    ("shortest_s", "steps", "movements"),
+    [(None, 4, 2), (2.0, 4, 1), (2.0, 6, 1), (2.0, 9, 2), (0.6, 4, 2)],
+    ids=["unknown", "far too short", "too short", "long enough", "short takes"],
+)
+@pytest.mark.parametrize("named", [True, False], ids=["with its label", "without a label"])
+def test_what_follows_a_pause_and_is_far_shorter_than_any_take_is_no_movement(shortest_s, steps, movements, named):
+    vocabulary = Vocabulary(VOCABULARY.labels, movements={"bow": MovementTimes(shortest_s=shortest_s)})
+    end = BOW if named else ("bow", 0.5, 0.05, 0.02)
+    verdicts = words((*BOW, 16), ("bow", 0.9, 0.95, 0.02, 5), (*end, steps), (*REST, 14), vocabulary=vocabulary)
+    assert len({began for _, _, began, _ in verdicts}) == movements
+
+
 @pytest.mark.parametrize("restarted", [False, True], ids=["stands by", "starts"])
 def test_a_service_that_takes_over_goes_on_with_the_count(restarted):
     owner, second = EngineDriver(), EngineDriver()
