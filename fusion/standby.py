@@ -152,6 +152,7 @@ class VocabularyLookup:
         self._asked_s = float("-inf")
         self._payloads: list[bytes] = []
         self._is_complete = False
+        self._wanted: str | None = None
         self._times: Mapping[str, MovementTimes] | None = None
 
     def poll(self, digest: str | None = None) -> Vocabulary | None:
@@ -162,7 +163,9 @@ class VocabularyLookup:
         self._payloads.clear()
         for vocabulary, _ in self._usable(payloads, digest):
             return vocabulary
-        self._ask(VOCABULARY_TIMEOUT_S)
+        # Another one is asked for at once.
+        self._ask(VOCABULARY_TIMEOUT_S if digest == self._wanted else 0.0)
+        self._wanted = digest
         return None
 
     def times(self, digest: str) -> Mapping[str, MovementTimes] | None:
