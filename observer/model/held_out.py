@@ -15,6 +15,7 @@ from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import hop_of, tracks_of, width_of
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
+from observer.model.training_memory import trace_in
 from observer.model.training_rows import (
     FRACTIONS,
     RECOGNISABLE,
@@ -24,7 +25,7 @@ from observer.model.training_rows import (
     part_of,
     posture_change,
 )
-from observer.tracks import Floats, Floats32, Tracks
+from observer.tracks import Floats, Tracks
 
 if TYPE_CHECKING:
     from observer.model.stacked import Stacked
@@ -97,7 +98,9 @@ def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -
     if known or example.features is None:
         yield from _watch_tracks(model, example.tracks, 0, number, truth, known)
         return
-    trace, other = (_trace_of(model, examples[n]) for n in (number, another_take(examples, number)))
+    width = width_of(len(model.header.body_parts))
+    both = (examples[n] for n in (number, another_take(examples, number)))
+    trace, other = (trace_in(each)[:, -width:].astype(np.float32) for each in both)
     rest, rng = round(REST_S * model.header.rate_hz), np.random.default_rng(number)
     if number % 4 == 1:
         none = posture_change(trace[0], other[0], rest // 2)
@@ -108,12 +111,6 @@ def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -
         tracks = tracks_of(between_rests(shown, rest, 0, rng).astype(np.float64))
         for row in _watch_tracks(model, tracks, rest, number, as_what, known):
             yield replace(row, weight=row.weight * weight)
-
-
-def _trace_of(model: "Stacked", example: Example) -> Floats32:
-    if example.features is None:
-        raise ValueError("its trace has not been read")
-    return example.features[:, -width_of(len(model.header.body_parts)) :].astype(np.float32)
 
 
 def _watch_tracks(

@@ -12,7 +12,7 @@ d: root mean square of the 2 P differences of two frames, body sizes. A *relativ
 distance between the movement's own takes.
 """
 
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -127,8 +127,9 @@ class NearestTakeWatch:
         entered = np.minimum(self._costs[:, 1:], self._costs[:, :-1] + cost[:, 1:])
         # Within a row, D(j) = min over k <= j of entered(k) + cost(k) + ... + cost(j): a running minimum.
         total = np.cumsum(cost, axis=1)
-        self._costs[:, 0] = self._costs[:, 0] if self._seen > 1 else cost[:, 0]
-        self._costs[:, 1:] = entered - total[:, :-1]
+        if self._seen == 1:
+            self._costs[:, 0] = cost[:, 0]
+        np.subtract(entered, total[:, :-1], out=self._costs[:, 1:])
         np.minimum.accumulate(self._costs, axis=1, out=self._costs)
         self._costs += total
 
@@ -150,17 +151,13 @@ class NearestTakeWatch:
 
 def _representative(takes: Sequence[Example]) -> list[Example]:
     """At most MOST_TAKES, as many of each movement as of the others, and evenly from their order."""
-    numbers: dict[int, int] = {}
-    ranked = []
+    of_movement = defaultdict[int, list[int]](list)
     for n, take in enumerate(takes):
-        number = numbers[take.movement] = numbers.get(take.movement, -1) + 1
-        ranked.append((evenly_spread(number), n))
-    counts = Counter(take.movement for take in takes)
-    share = min(1.0, MOST_TAKES / len(takes)) if takes else 1.0
-    chosen = []
-    for movement, count in counts.items():
-        own = sorted((rank, n) for rank, n in ranked if takes[n].movement == movement)
-        chosen += [n for _, n in own[: max(round(share * count), 1)]]
+        of_movement[take.movement].append(n)
+    share, chosen = min(1.0, MOST_TAKES / max(len(takes), 1)), list[int]()
+    for own in of_movement.values():
+        spread = sorted(range(len(own)), key=evenly_spread)
+        chosen += [own[k] for k in spread[: max(round(share * len(own)), 1)]]
     return [takes[n] for n in sorted(chosen)]
 
 

@@ -84,18 +84,11 @@ class TrailingFeatures:
 
     def of(self, rows: Floats32, at: Integers) -> Floats32:
         """(F, 2 P + 3) trace, (A,) frames -> (A, size); before its first row a trace is taken to be still."""
-        values, path = self._values(rows)
+        relative, path = relative_and_path(rows)
+        velocity = np.diff(path, axis=0, prepend=path[:1]) * np.float32(self._rate_hz / REFERENCE_HZ)
+        values = np.concatenate([relative, velocity], axis=1)
         blocks = [*self._shares(path, at), *_statistics(values, at, self.windows.postures)]
         return np.concatenate(blocks, axis=1)
-
-    def _values(self, rows: Floats32) -> tuple[Floats32, Floats32]:
-        """(F, 2 P + 3) positions and velocities, and (F, 2 P) paths."""
-        relative, path = relative_and_path(rows)
-        velocity = np.empty_like(path)
-        velocity[0] = 0.0
-        np.subtract(path[1:], path[:-1], out=velocity[1:])
-        velocity *= np.float32(self._rate_hz / REFERENCE_HZ)
-        return np.concatenate([relative, velocity], axis=1), path
 
     def watch(self) -> "TrailingWatch":
         """Start watching a stream, row by row."""
