@@ -1,5 +1,7 @@
 """The posterior of the stacked model is its stacker's, from what its members say in each frame."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from performances import DOOR
@@ -9,7 +11,7 @@ from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.body_trace import BodyTrace, extent
 from observer.model.nearest_take import NearestTakeWatch
-from observer.model.stacker import instant_of
+from observer.model.stacker import LOWEST, instant_of
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, Tracks
 from studies.performer import perform
@@ -86,6 +88,23 @@ def test_frames_that_are_passed_over_count_although_they_are_not_classified(peop
                 np.testing.assert_allclose(hurried.p, plain.p, atol=1e-6)
                 compared += 1
     assert compared > 2
+
+
+def test_in_the_rest_after_a_movement_its_segment_is_not_judged_again(people, model, monkeypatch):
+    tracks = [*tracks_of(people, 1)]
+    tracks += tracks[-1:] * 20
+    judged, segments = [], model.segments
+    counted = SimpleNamespace(log_posteriors=lambda rows: judged.append(rows) or segments.log_posteriors(rows))
+    monkeypatch.setattr(model, "segments", counted)
+    watch, at_rest = model.watch(Onset(known=True)), []
+    for each in tracks:
+        before = len(judged)
+        watch.update(each)
+        if watch.instant.context[1]:
+            at_rest.append((len(judged) - before, watch.instant.members[2:4]))
+    assert len(at_rest) > 8 and sum(calls for calls, _ in at_rest) <= 1
+    anew = segments.log_posteriors(judged[-1])
+    np.testing.assert_allclose(at_rest[-1][1], np.maximum(anew, LOWEST), atol=1e-5)
 
 
 def test_facings_are_those_of_the_phase_filter(people, model):
