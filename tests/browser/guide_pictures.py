@@ -1,7 +1,8 @@
 """Makes the pictures of docs/guide anew: `make guide-pictures`, or `python tests/browser/guide_pictures.py FOLDER`.
 
 Real processes before a real browser: the demo's scene with its synthetic performer for the dashboard, and a lesson with
-the same performer for the Teach page. With --dark the Teach page is drawn in dark colours, to be looked at.
+the same performer for the Teach page. The page of a phone that is a camera shows a drawn person. With --dark the Teach
+page is drawn in dark colours, to be looked at.
 """
 
 import os
@@ -20,6 +21,7 @@ from playwright.sync_api import sync_playwright
 os.environ.pop("LABANMESH_DATA", None)
 sys.path += [str(Path(__file__).parents[n] / folder) for n, folder in ((2, ""), (1, "shared"), (1, "hub"), (0, ""))]
 
+from phone_picture import draw_phone
 from played_scene import ROOT, Dashboard, environment
 from processes import labanmesh
 from teach_stage import TaughtScene
@@ -125,6 +127,7 @@ def main(words):
         draw_dashboard(chromium, folders[0], Path(work))
         draw_teach(chromium, folders[0], Path(work), "dark" if "--dark" in words else "light")
         chromium.close()
+        save(draw_phone(driver, path, PHONE), folders[0] / "phone.png")
 
 
 if __name__ == "__main__":
