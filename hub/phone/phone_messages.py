@@ -14,6 +14,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from common.message_types import ShortText
+from common.text import printable
 
 MESSAGE_LIMIT = 4096
 """Bytes of a message: the tracks of a whole body have 700."""
@@ -111,6 +112,7 @@ def read_message(text: str | bytes) -> Join | Resume | ClockAnswer | PhoneTracks
     except ValidationError as error:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))[:80]
-        raise BadPhoneMessage(": ".join(filter(None, [where, first["msg"].lower()]))) from None
+        # A key of a stranger's making may hold any character.
+        raise BadPhoneMessage(printable(": ".join(filter(None, [where, first["msg"].lower()])))) from None
     assert content is not None  # noqa: S101 - the validator has checked it
     return content

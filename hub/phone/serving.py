@@ -219,6 +219,8 @@ async def _end(connection: ServerConnection, code: int, text: str) -> None:
     with suppress(TimeoutError):
         async with asyncio.timeout(SILENT_S):
             await connection.close(code, text.encode()[:120].decode(errors="ignore"))
+    # One that floods does not read the close, and what it sends is no longer read.
+    connection.transport.abort()
 
 
 def _response(answer: Answer) -> Response:
