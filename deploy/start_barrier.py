@@ -6,6 +6,7 @@ observer/runtime/start_barrier.py waits at it.
 from pathlib import Path
 
 from common.config import Scene
+from common.tracker_choice import PHONE, STANDARD_INPUT
 
 
 def open_start_barrier(folder: Path, scene: Scene) -> Path:
@@ -20,5 +21,5 @@ def open_start_barrier(folder: Path, scene: Scene) -> Path:
 
 def _is_recording(source: str) -> bool:
     """Whether a source is a file or a folder: no camera, address, or tracks of another program."""
-    elsewhere = source.isdecimal() or source in ("-", "phone") or "://" in source
+    elsewhere = source.isdecimal() or source in (STANDARD_INPUT, PHONE) or "://" in source
     return not (elsewhere or source.startswith(("/dev/", "zenoh:")))

@@ -14,6 +14,7 @@ import typer
 
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.text import without_secrets
+from common.tracker_choice import PHONE, STANDARD_INPUT
 from deploy.doctor.cameras import Webcam, webcams
 from deploy.first_scene.scene_text import FirstCamera, scene_text
 
@@ -58,6 +59,8 @@ def init(
     name = shlex.quote(str(file))
     typer.echo(f"wrote {file}; read it, then: labanmesh doctor {name}")
     if cameras:
+        if any(camera.source == PHONE for camera in cameras):
+            typer.echo(f"show the code that makes a phone the camera: labanmesh phone {name}")
         typer.echo(f"and teach them your movements: labanmesh teach {name} {LABELS} --up")
     else:
         typer.echo(REHEARSAL)
@@ -89,7 +92,7 @@ def _named(source: str, file: Path) -> FirstCamera:
     path = Path(source)
     if path.exists() and not str(path).startswith("/dev/"):
         return FirstCamera(os.path.relpath(path, file.parent), "# A recording.", film=True)
-    elsewhere = source.isdecimal() or source in ("-", "phone") or "://" in source
+    elsewhere = source.isdecimal() or source in (STANDARD_INPUT, PHONE) or "://" in source
     if not (elsewhere or source.startswith(("/dev/", "zenoh:"))):
         raise BadInput(
             f"--source {without_secrets(source)}: no such file or folder; "
