@@ -34,7 +34,8 @@ from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler
+from observer.runtime.pipeline import Observer, PosteriorEncoder
+from observer.runtime.resampler import Resampler
 from observer.runtime.send_on_change import SendOnChange
 from observer.tracks import Frame
 from studies.trials import strung

@@ -22,7 +22,8 @@ from observer.preview.screen import PreviewingObserver, open_preview
 from observer.preview.sight import PreviewHistory
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler
+from observer.runtime.pipeline import Observer, PosteriorEncoder
+from observer.runtime.resampler import Resampler
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.runtime.start_barrier import StartBarrier
 from observer.tracks import Frame

@@ -34,7 +34,7 @@ def at_even_rate(at_ns: NDArray[np.int64], centres: Floats, rate_hz: float) -> N
 
     A part that is seen in only one of the two frames around an instant counts as seen where that frame is the nearer
     one. Nothing is seen between frames that are too far apart (`is_bridged`). The same, with one frame after the other,
-    is `observer.runtime.pipeline.Resampler`.
+    is `observer.runtime.resampler.Resampler`.
     """
     if len(at_ns) == 1:
         return centres.astype(np.float32)

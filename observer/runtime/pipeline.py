@@ -1,12 +1,10 @@
 """One observer's computation, from a frame to a posterior and the message that carries it. No network and no clock."""
 
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from common import SECOND_NS
 from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.posterior import Repeated
 from common.probability import encode_facing
@@ -15,14 +13,12 @@ from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
 from observer.model.posterior_calibration import calibrated_posterior
-from observer.motion.even_rate import INTERVALS, is_bridged, usual_interval_s
 from observer.runtime.hurry import Hurry
+from observer.runtime.resampler import Resampler
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 TINY = 1e-300
 """Divisor for movements that have no probability."""
-LONGEST_GAP_S = 3.0
-"""A longer gap counts as this long: by then the filter has forgotten all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,64 +43,6 @@ class Posterior:
     repetitions: float | None = None
     repeated: Repeated | None = None
     judged: bool = True
-
-
-class Resampler:
-    """Resamples tracks from any frame times to a model's fixed rate, by linear interpolation.
-
-    The model therefore sees the same motion from a faster camera, a slower one, or one that drops frames. Each instant
-    is returned with the first frame at or after it. Over a gap (`even_rate.is_bridged`) nothing is seen.
-    """
-
-    def __init__(self, rate_hz: float) -> None:
-        """rate_hz: the model's rate, > 0."""
-        self._period_ns = SECOND_NS / rate_hz
-        self._begin_ns = 0
-        self._count = 0
-        self._previous: tuple[int, Floats] | None = None
-        self._gaps_s: deque[float] = deque(maxlen=INTERVALS)
-        self.interval_s = 0.0  # the usual time between two frames; 0 while it is not known
-
-    def update(self, at_ns: int, tracks: Tracks) -> list[Tracks]:
-        """The instants after the previous frame, up to this frame at `at_ns`: any number of tracks (P, 2).
-
-        A part that is seen in only one of the two frames around an instant counts as seen where that frame is the
-        nearer one. If the clock is set back, sampling restarts.
-        """
-        previous, self._previous = self._previous, (at_ns, tracks.centres)
-        if previous is None or at_ns < previous[0]:
-            self._begin_ns, self._count = at_ns, 1
-            return [tracks]
-        if at_ns == previous[0]:
-            return []
-        count = int((at_ns - self._begin_ns) / self._period_ns) + 1
-        count += self._instant_ns(count) <= at_ns  # rounding must not hold an instant back
-        first = max(self._count, count - round(LONGEST_GAP_S * SECOND_NS / self._period_ns))
-        self._count = max(count, self._count)
-        newest = (at_ns, tracks.centres)
-        gap_s = (at_ns - previous[0]) / SECOND_NS
-        if tracks.visible.any() and Tracks(previous[1]).visible.any():
-            self._gaps_s.append(gap_s)
-            self.interval_s = usual_interval_s(self._gaps_s)
-        bridged = is_bridged(gap_s, self.interval_s)
-        return [Tracks(_interpolate(previous, newest, self._instant_ns(i), bridged)) for i in range(first, count)]
-
-    def restart(self) -> None:
-        """The next frame shows another motion: nothing lies between it and the previous one."""
-        self._previous = None
-
-    def _instant_ns(self, i: int) -> int:
-        return self._begin_ns + round(i * self._period_ns)
-
-
-def _interpolate(previous: tuple[int, Floats], newest: tuple[int, Floats], instant_ns: int, bridged: bool) -> Floats:
-    share = (instant_ns - previous[0]) / (newest[0] - previous[0])
-    if not bridged:
-        return newest[1] if share >= 1 else np.full_like(newest[1], np.nan)
-    nearer = newest[1] if share > 0.5 else previous[1]
-    mixed = (1 - share) * previous[1] + share * newest[1]
-    centres: Floats = np.where(np.isfinite(mixed), mixed, nearer)
-    return centres
 
 
 class Observer:
@@ -148,7 +86,9 @@ class Observer:
         if self._ended:
             self._begin_again()
         self.tracks, judged = self._tracker.update(frame), self._hurry.judges(frame)
-        instants = [self.tracks] if self._resampler is None else self._resampler.update(frame.at_ns, self.tracks)
+        instants = [self.tracks]
+        if self._resampler is not None:
+            instants = self._resampler.update(frame.at_ns, self.tracks, frame.skipped > 0)
         for n, tracks in enumerate(instants, 1):
             # An observer that is too slow must not spend on the instants between its frames what it has not.
             passed = not judged or (frame.skipped > 0 and n < len(instants))

@@ -16,7 +16,8 @@ from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from observer.model.base import Header
-from observer.runtime.pipeline import LONGEST_GAP_S, Observer, Posterior, PosteriorEncoder, Resampler
+from observer.runtime.pipeline import Observer, Posterior, PosteriorEncoder
+from observer.runtime.resampler import LONGEST_GAP_S, Resampler
 from observer.runtime.send_on_change import MAX_CHANGE, SendOnChange, Summary, distance
 from observer.runtime.service import serve
 from observer.tracks import Frame, Tracks
@@ -304,6 +305,16 @@ def test_nothing_is_seen_while_a_camera_is_away_for_longer_than_its_own_interval
     before = np.arange(20) / camera_hz
     instants = resampled(10.0, [*before, before[-1] + away_s])
     assert not any(i.visible[0] for i in instants[round(10 * before[-1]) + 1 : -1])
+
+
+@pytest.mark.parametrize(("gap_s", "seen"), [(0.2, True), (0.5, True), (0.7, True), (1.0, False)])
+def test_between_frames_that_an_observer_left_out_people_go_on(gap_s, seen):
+    resampler, there = Resampler(10.0), Tracks(np.ones((1, 2)))
+    for n in range(5):
+        resampler.update(n * SECOND_NS // 10, there)
+    at_ns = 4 * SECOND_NS // 10 + round(gap_s * SECOND_NS)
+    *between, _ = resampler.update(at_ns, there, skipped=True)
+    assert all(tracks.visible.all() == seen for tracks in between)
 
 
 def test_an_empty_room_that_is_looked_at_seldom_makes_no_camera_slow():

@@ -1,0 +1,74 @@
+"""Brings tracks to the fixed rate of a model, one frame after the other. Pure."""
+
+from collections import deque
+
+import numpy as np
+
+from common import SECOND_NS
+from observer.motion.even_rate import INTERVALS, WIDEST_BRIDGE_S, is_bridged, usual_interval_s
+from observer.tracks import Floats, Tracks
+
+LONGEST_GAP_S = 3.0
+"""A longer gap counts as this long: by then the filter has forgotten all that it can forget."""
+
+
+class Resampler:
+    """Resamples tracks from any frame times to a model's fixed rate, by linear interpolation.
+
+    The model therefore sees the same motion from a faster camera, a slower one, or one that drops frames. There is no
+    delay: each instant is returned with the first frame at or after it. Over a gap that is too long for the camera's
+    rate (`observer.motion.even_rate.is_bridged`) nothing is seen; if the observer left out frames in it, the camera was
+    not away, and it may be as long as that of the slowest camera.
+    """
+
+    def __init__(self, rate_hz: float) -> None:
+        """rate_hz: the model's rate, > 0."""
+        self._period_ns = SECOND_NS / rate_hz
+        self._begin_ns = 0
+        self._count = 0
+        self._previous: tuple[int, Floats] | None = None
+        self._gaps_s: deque[float] = deque(maxlen=INTERVALS)
+        self.interval_s = 0.0
+        """The usual time between two frames; 0 while it is not known."""
+
+    def update(self, at_ns: int, tracks: Tracks, skipped: bool = False) -> list[Tracks]:
+        """The instants after the previous frame, up to this frame at `at_ns`: any number of tracks (P, 2).
+
+        skipped: frames were left out before it, so that the camera was not away.
+        A part that is seen in only one of the two frames around an instant counts as seen where that frame is the
+        nearer one. If the clock is set back, sampling restarts.
+        """
+        previous, self._previous = self._previous, (at_ns, tracks.centres)
+        if previous is None or at_ns < previous[0]:
+            self._begin_ns, self._count = at_ns, 1
+            return [tracks]
+        if at_ns == previous[0]:
+            return []
+        count = int((at_ns - self._begin_ns) / self._period_ns) + 1
+        count += self._instant_ns(count) <= at_ns  # rounding must not hold an instant back
+        first = max(self._count, count - round(LONGEST_GAP_S * SECOND_NS / self._period_ns))
+        self._count = max(count, self._count)
+        newest = (at_ns, tracks.centres)
+        gap_s = (at_ns - previous[0]) / SECOND_NS
+        if tracks.visible.any() and Tracks(previous[1]).visible.any():
+            self._gaps_s.append(gap_s)
+            self.interval_s = usual_interval_s(self._gaps_s)
+        bridged = is_bridged(gap_s, self.interval_s) or (skipped and gap_s <= WIDEST_BRIDGE_S)
+        return [Tracks(_interpolate(previous, newest, self._instant_ns(i), bridged)) for i in range(first, count)]
+
+    def restart(self) -> None:
+        """The next frame shows another motion: nothing lies between it and the previous one."""
+        self._previous = None
+
+    def _instant_ns(self, i: int) -> int:
+        return self._begin_ns + round(i * self._period_ns)
+
+
+def _interpolate(previous: tuple[int, Floats], newest: tuple[int, Floats], instant_ns: int, bridged: bool) -> Floats:
+    share = (instant_ns - previous[0]) / (newest[0] - previous[0])
+    if not bridged:
+        return newest[1] if share >= 1 else np.full_like(newest[1], np.nan)
+    nearer = newest[1] if share > 0.5 else previous[1]
+    mixed = (1 - share) * previous[1] + share * newest[1]
+    centres: Floats = np.where(np.isfinite(mixed), mixed, nearer)
+    return centres
