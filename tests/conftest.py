@@ -1,5 +1,6 @@
 """What all tests share: where the recordings of real people lie."""
 
+import gc
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,6 +30,16 @@ common.parallel.cores = lambda: 1
 _profile = settings.get_profile("ci" if os.environ.get("CI") else "default")
 settings.register_profile("ours", _profile, deadline=None, max_examples=33)
 settings.load_profile("ours")
+
+
+# Each worker holds all tests: the collector of cycles would walk over them while they are read, and in every test.
+gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """What has been read stays until the end; from now on only what tests leave is searched for cycles."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
