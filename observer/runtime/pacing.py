@@ -13,6 +13,7 @@
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -115,13 +116,13 @@ class TrackingPace:
 
     def rate_hz(self, at_ns: int) -> float:
         """Runs of the tracker per second at this time; infinite: each picture."""
-        cost_s = float(np.median(self._costs)) if self._costs else 0.0
+        cost_s = median(self._costs) if self._costs else 0.0
         active_hz = self._limits.max_hz or _within(ACTIVE_SHARE, cost_s)
         idle_hz = min(self._limits.idle_hz or max(_within(REST_SHARE, cost_s), LEAST_IDLE_HZ), active_hz)
         if self.quiet(at_ns):
             if not self._empty:
                 return idle_hz
-            empty_s = float(np.median(self._empty_costs)) if self._empty_costs else cost_s
+            empty_s = median(self._empty_costs) if self._empty_costs else cost_s
             return min(max(min(_within(EMPTY_SHARE, empty_s), MOST_EMPTY_HZ), LEAST_EMPTY_HZ), idle_hz)
         if not self._fruitless:
             return active_hz
