@@ -135,6 +135,36 @@ class CountingFinder:
         return [(300, 200, 40, 40)] if self.whole >= self._appears_at else []
 
 
+class LargestSearch:
+    """Finds no face; remembers the largest picture that was searched, in pixels."""
+
+    def __init__(self):
+        self.largest = 0
+
+    def find(self, picture, smallest):
+        self.largest = max(self.largest, picture.shape[0] * picture.shape[1])
+        return []
+
+
+@pytest.mark.parametrize("shown", [((160, 70, 20), (100, 180, 12)), ()])
+def test_with_a_known_colour_a_face_is_searched_about_the_head_and_elsewhere_only_without_one(shown):
+    picture, finder = drawn(*shown), LargestSearch()
+    head = HeadTracker(finder, SKIN)
+    boxes = [head.search(picture, None, 0.1) for _ in range(3)]
+    assert (boxes[-1] is not None) == bool(shown)
+    share = finder.largest / (picture.shape[0] * picture.shape[1])
+    assert (0 < share < 0.2) if shown else share == 1
+
+
+def test_a_face_near_a_head_that_is_followed_is_searched_ever_less_often():
+    picture, finder = drawn((160, 70, 20)), CountingFinder(appears_at=10**6)
+    head, near, counts = HeadTracker(finder, SKIN), np.array([160.0, 70.0]), []
+    for _ in range(20 * 30):
+        head.search(picture, near, 1 / 30)
+        counts.append(finder.whole)
+    assert counts[59] >= 6 and 9 <= counts[-1] - counts[300] <= 11
+
+
 def test_a_face_that_is_nowhere_is_searched_ever_less_often_and_found_when_it_comes():
     picture, finder = np.zeros((480, 640, 3), np.uint8), CountingFinder(appears_at=60)
     head, seconds, counts = HeadTracker(finder, None), 1 / 30, {}
