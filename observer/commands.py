@@ -107,8 +107,8 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
     # Also of motion at the model's own rate, of which frames are skipped when the observer is too slow.
     resampler = Resampler(header.rate_hz)
     facets = _facet_reader(scene, observer, header, inputs)
-    # As often as posteriors stay fresh.
-    judged_s = 0.0 if inputs.keeps_all else scene.fusion.fresh_s
+    # Half of fresh_s: with the frame after that, the next posterior comes before the last one is stale.
+    judged_s = 0.0 if inputs.keeps_all else scene.fusion.fresh_s / 2
     return Observer(inputs.tracker, model, onset, resampler, facets, judged_s)
 
 
