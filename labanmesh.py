@@ -79,6 +79,7 @@ VERBS = {
     "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
     "paper": Verb("studies.commands", "paper", "repeat the paper's three experiments beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
+    "score": Verb("studies.scoring.commands", "score", "score performances against takes that show how it is done"),
     "effort": Verb("studies.effort", "effort", "evaluate Effort on actions that were not used to learn it"),
 }
 

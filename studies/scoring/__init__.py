@@ -1,0 +1,1 @@
+"""Scores of recorded performances: judging, the figure, and the verb `labanmesh score`."""

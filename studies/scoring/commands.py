@@ -1,0 +1,103 @@
+"""The verb `labanmesh score`: performances in an archive, scored against reference takes by views as judges."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from common.errors import BadInput
+from common.progress import ProgressBar
+from common.text import plural, split_list
+
+DEFAULT_VIEWS = "door,wheel,yaw:45,yaw:315"
+
+
+def score(
+    performances: Annotated[Path, typer.Argument(help="The motion archive with the performances to score.")],
+    references: Annotated[
+        Path | None, typer.Option(help="The archive with the reference takes; by default those of other people in it.")
+    ] = None,
+    label: Annotated[str, typer.Option(help="Only these movements, e.g. squat,lunge.")] = "",
+    subjects: Annotated[str, typer.Option(help="Score only these people, e.g. 3,4.")] = "",
+    trials: Annotated[str, typer.Option(help="Score only these trials, e.g. 1,2.")] = "",
+    reference_trials: Annotated[str, typer.Option(help="Only these trials show how it should be done.")] = "",
+    views: Annotated[str, typer.Option(help="The judges' views, or camera files.")] = DEFAULT_VIEWS,
+    report: Annotated[Path | None, typer.Option(help="A folder for a figure of each performance.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Each performance as a line of JSON.")] = False,
+) -> None:
+    """Score performances from 0 to 10 against takes that show how it should be done.
+
+    10 is typical of these, 5 is their worst. Each view is a judge, as at a Kata competition: of four and more the
+    highest and the lowest score are dropped. What cannot be scored is said, in one line.
+
+    Example: labanmesh score mine.npz --references teacher.npz --label squat
+    """
+    from observer.motion.archive import movements_in
+    from observer.motion.archive_file import read_archive
+    from studies.output_files import make_folder
+    from studies.scoring.figure import score_figure
+    from studies.scoring.judging import Judges
+
+    archive = read_archive(performances)
+    shown = archive if references is None else read_archive(references)
+    if shown.body_parts != archive.body_parts:
+        raise BadInput(f"{references}: other body parts than {performances}; record or import both in the same way")
+    choice = _Choice(*(split_list(f"--{name}", text) for name, text in (
+        ("label", label), ("subjects", subjects), ("trials", trials), ("reference-trials", reference_trials),
+    )))  # fmt: skip
+    performed = [each for each in movements_in(archive) if choice.is_performance(each.label, each.subject, each.trial)]
+    if not performed:
+        raise BadInput(f"{performances}: no recording of {choice}")
+    takes = [each for each in movements_in(shown) if not choice.references or each.trial in choice.references]
+    if report is not None:
+        make_folder(report, "--report")
+    judges = Judges(views, archive.body_parts)
+    with ProgressBar() as bar:
+        for n, each in enumerate(performed):
+            bar("scoring", n, len(performed))
+            own = [
+                take for take in takes
+                if take.label == each.label and (references is not None or take.subject != each.subject)
+            ]  # fmt: skip
+            judged = judges.judge(each, own)
+            words = f"{each.label}, person {each.subject}, trial {each.trial}"
+            fields = judged.as_fields()
+            if as_json:
+                print(
+                    json.dumps({"label": each.label, "subject": each.subject, "trial": each.trial, **fields}),
+                    flush=True,
+                )
+            else:
+                print("\n".join(lines_of(words, fields)), flush=True)
+            if report is not None and (best := judged.figure_of()) is not None:
+                name = f"{each.label}-{each.subject}-{each.trial}.svg".replace("/", "_")
+                (report / name).write_text(score_figure(words, best, judged.remarks), encoding="utf-8")
+
+
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    labels: Sequence[str]
+    subjects: Sequence[str]
+    trials: Sequence[str]
+    references: Sequence[str]
+
+    def is_performance(self, label: str, subject: str, trial: str) -> bool:
+        pairs = ((self.labels, label), (self.subjects, subject), (self.trials, trial))
+        return all(not wanted or value in wanted for wanted, value in pairs)
+
+    def __str__(self) -> str:
+        wanted = [", ".join(each) for each in (self.labels, self.subjects, self.trials) if each]
+        return "; ".join(wanted) or "a movement"
+
+
+def lines_of(words: str, fields: Mapping[str, Any]) -> Iterator[str]:
+    """What people read: the score with those of the judges, then the remarks; or why there is none."""
+    if fields["score"] is None:
+        yield f"{words}: not scored, {fields['uncertain']}"
+        return
+    judges = ", ".join(f"{view} {each}" for view, each in fields["judges"].items())
+    yield f"{words}: {fields['score']:.1f} of 10 ({judges}; {plural(fields['references'], 'reference take')})"
+    yield from (f"  {each['words']}" for each in fields["remarks"])

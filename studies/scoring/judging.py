@@ -1,0 +1,145 @@
+"""Scores of recorded performances: each view is a judge, and the referee drops the highest and the lowest."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from common.errors import BadInput
+from fusion.score_pool import JudgedScore, pooled_score
+from observer.features import REFERENCE_HZ
+from observer.geometry.views import View, parse_view, split_views
+from observer.model.body_trace import read_trace
+from observer.motion.archive import Recording
+from observer.motion.projected import view_tracks
+from observer.score.references import JudgeScore, ReferenceTake, ReferenceTakes
+from observer.score.remarks import Band, Remark
+from observer.tracks import Floats32, Tracks
+
+SAME = 1.5
+"""Remarks of two judges on one joint are one; it is as strong as its largest, times this for each further judge."""
+
+
+@dataclass(frozen=True, slots=True)
+class SeenPerformance:
+    """A recording as one view sees it, thinned out to about REFERENCE_HZ. seen: (P,) parts seen in half the frames."""
+
+    trace: Floats32
+    rate_hz: float
+    seen: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, view: View, recording: Recording, body_parts: tuple[str, ...]) -> "SeenPerformance":
+        """The performance of a whole recording."""
+        tracks = view_tracks(view, recording, body_parts, body_parts)
+        step = max(int(recording.rate_hz / REFERENCE_HZ), 1)
+        trace = read_trace(body_parts, recording.rate_hz, tracks)[::step]
+        return cls(trace, recording.rate_hz / step, _seen(tracks))
+
+
+def _seen(tracks: Sequence[Tracks]) -> tuple[bool, ...]:
+    visible = np.mean([each.visible for each in tracks], axis=0) >= 0.5
+    return tuple(bool(part) for part in visible)
+
+
+def mirrored(recording: Recording, body_parts: Sequence[str]) -> Recording:
+    """The same to the other side: left and right parts change places, and x its sign; 3-D recordings alone."""
+    place = {name: n for n, name in enumerate(body_parts)}
+    other = {"left": "right", "right": "left"}
+    sides = [name.partition("_") for name in body_parts]
+    order = [place.get(f"{other.get(side, side)}_{part}", n) for n, (side, _, part) in enumerate(sides)]
+    return replace(recording, positions=recording.positions[:, order] * np.array([-1, 1, 1], np.float32))
+
+
+def references_of(view: View, recordings: Sequence[Recording], body_parts: tuple[str, ...]) -> ReferenceTakes:
+    """The references of one movement for one view, each also to the other side, if they are in 3-D."""
+    takes, rate_hz = list[ReferenceTake](), float(REFERENCE_HZ)
+    for recording in recordings:
+        shown = SeenPerformance.of(view, recording, body_parts)
+        rate_hz = shown.rate_hz
+        takes.append(ReferenceTake(shown.trace, recording.subject))
+        if recording.positions.shape[-1] == 3:
+            other = SeenPerformance.of(view, mirrored(recording, body_parts), body_parts)
+            takes.append(ReferenceTake(other.trace, recording.subject, mirrored=True))
+    return ReferenceTakes(takes, body_parts, rate_hz)
+
+
+def pooled(scores: Mapping[str, JudgeScore]) -> float | None:
+    """The referee's score of those that judge; None if nobody does."""
+    return pooled_score({n: JudgedScore(s.score, s.certainty) for n, s in scores.items() if s.score is not None})
+
+
+def pooled_remarks(scores: Mapping[str, JudgeScore], most: int = 3) -> list[Remark]:
+    """The strongest remarks, one for each joint that half of the judges remark: what more of them see stands first."""
+    judges = sum(each.score is not None for each in scores.values())
+    of_joint: dict[str, list[Remark]] = {}
+    for score in scores.values():
+        for remark in score.remarks:
+            of_joint.setdefault(remark.joint, []).append(remark)
+    agreed = [own for own in of_joint.values() if 2 * len(own) >= judges]
+    strongest = [(max(own, key=lambda each: each.strength), len(own)) for own in agreed]
+    strongest.sort(key=lambda pair: -pair[0].strength * SAME ** (pair[1] - 1))
+    return [remark for remark, _ in strongest[:most]]
+
+
+@dataclass(frozen=True, slots=True)
+class ScoredPerformance:
+    """A performance with all that was said about it. uncertain: why it has no score."""
+
+    scores: Mapping[str, JudgeScore]
+    references: int
+    uncertain: str = ""
+
+    @property
+    def score(self) -> float | None:
+        """The referee's, 0 to 10."""
+        return pooled(self.scores)
+
+    @property
+    def remarks(self) -> list[Remark]:
+        """The referee's, at most three."""
+        return pooled_remarks(self.scores)
+
+    def as_fields(self) -> dict[str, Any]:
+        """As JSON has it."""
+        why = self.uncertain or next((each.uncertain for each in self.scores.values() if each.uncertain), "")
+        judged = {view: None if each.score is None else round(each.score, 1) for view, each in self.scores.items()}
+        remarks = [
+            {"joint": each.joint, "moment": each.moment, "degrees": round(each.degrees, 1), "words": each.words}
+            for each in self.remarks
+        ]
+        score = self.score
+        return {
+            "score": None if score is None else round(score, 2), "judges": judged, "remarks": remarks,
+            "references": self.references, "uncertain": why if score is None else None,
+        }  # fmt: skip
+
+    def figure_of(self) -> Band | None:
+        """The band of the judge whose remarks are the strongest."""
+        known = [each for each in self.scores.values() if each.band is not None]
+        if not known:
+            return None
+        return max(known, key=lambda each: max((r.strength for r in each.remarks), default=0.0)).band
+
+
+class Judges:
+    """One judge for each view; what they learn from the same reference takes is kept."""
+
+    def __init__(self, views: str, body_parts: tuple[str, ...]) -> None:
+        self._views = {name: parse_view(name) for name in split_views(views)}
+        self._parts = body_parts
+        self._known: dict[tuple[int, ...], dict[str, ReferenceTakes]] = {}
+
+    def judge(self, performance: Recording, references: Sequence[Recording]) -> ScoredPerformance:
+        """JudgeScore one performance; why it has no score is in the result."""
+        key = tuple(id(each) for each in references)
+        try:
+            if key not in self._known:
+                learned = {n: references_of(view, references, self._parts) for n, view in self._views.items()}
+                self._known = {key: learned}
+        except BadInput as error:
+            return ScoredPerformance({}, len(references), str(error))
+        own = {name: SeenPerformance.of(view, performance, self._parts) for name, view in self._views.items()}
+        scores = {name: known.judge(own[name].trace, own[name].seen) for name, known in self._known[key].items()}
+        return ScoredPerformance(scores, len(references))

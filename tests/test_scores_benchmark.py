@@ -1,0 +1,26 @@
+"""The benchmark of scores changes what it says: a joint by so many degrees, and nothing else."""
+
+import numpy as np
+import pytest
+
+from benchmarks.scores import bent
+from observer.motion.archive_file import read_archive
+from observer.score.limbs import joints_of
+
+
+@pytest.mark.parametrize("joint", ["left knee", "right elbow", "left shoulder", "right hip"])
+def test_a_bent_joint_is_twenty_degrees_more_bent(data, joint):
+    archive = read_archive(data / "ui_prmd" / "repetitions.npz")
+    take = archive.recordings[0]
+    changed = bent(take, joint, archive.body_parts)
+    first, middle, last = next(each.parts for each in joints_of(archive.body_parts) if each.name == joint)
+
+    def angle(positions):
+        one, other = positions[:, first] - positions[:, middle], positions[:, last] - positions[:, middle]
+        cosine = (one * other).sum(axis=1) / np.linalg.norm(one, axis=1) / np.linalg.norm(other, axis=1)
+        return np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+
+    before, after = angle(take.positions.astype(float)), angle(changed.positions.astype(float))
+    assert before - after == pytest.approx(np.full(len(before), 20.0), abs=0.1)
+    moved = np.abs(changed.positions - take.positions).max(axis=(0, 2)) > 1e-6
+    assert 1 <= moved.sum() <= 2 and not moved[middle]
