@@ -15,7 +15,13 @@ from observer.motion.archive_file import read_archive
 from observer.score.limbs import JOINTS, joints_of
 from observer.score.references import JudgeScore, ReferenceTakes
 from observer.tracks import Floats
-from studies.scoring.judging import SeenPerformance, pooled_remarks, references_of
+from studies.scoring.judging import (
+    SeenPerformance,
+    learned_references,
+    pooled_remarks,
+    references_of,
+    shown_takes,
+)
 
 VIEWS = ("door", "wheel", "yaw:45", "yaw:315")
 BENT_DEGREES = 20.0
@@ -62,9 +68,15 @@ def scores(exercises: int = 10, first: int = 0) -> None:
         for n, label in enumerate(labels):
             bar("exercises", n, len(labels))
             own = [each for each in archive.recordings if each.label == label and len(each.positions) >= 10]
+            sides = {
+                view: [(shown_takes(parse_view(view), each, parts), each.subject) for each in own if _is_correct(each)]
+                for view in VIEWS
+            }
             for person in sorted({each.subject for each in own}):
-                shown = [each for each in own if each.subject != person and _is_correct(each)]
-                known = {view: references_of(parse_view(view), shown, parts) for view in VIEWS}
+                known = {
+                    view: learned_references([each for each in sides[view] if each[1] != person], parts)
+                    for view in VIEWS
+                }
                 performed = [each for each in own if each.subject == person]
                 judged += [_Judged(label, _is_correct(each), _scores(known, each, parts)) for each in performed]
                 _remark("of others", known, [e for e in performed if _is_correct(e)][:1], parts, remarked)
@@ -99,7 +111,8 @@ def _remark(
 ) -> None:
     """Note whether unchanged takes have no remark, and whether the first remark names the limb of a bent joint."""
     for take in takes[:PER_PERSON]:
-        remarked.setdefault(f"{name}, unchanged", []).append((not pooled_remarks(_scores(known, take, parts)), True))
+        told = bool(pooled_remarks(_scores(known, take, parts)))
+        remarked.setdefault(f"{name}, unchanged", []).append((not told, told))
         for joint in joints_of(parts):
             changed = _scores(known, bent(take, joint.name, parts), parts)
             remarks = pooled_remarks(changed)

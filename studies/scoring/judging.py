@@ -52,16 +52,26 @@ def mirrored(recording: Recording, body_parts: Sequence[str]) -> Recording:
     return replace(recording, positions=recording.positions[:, order] * np.array([-1, 1, 1], np.float32))
 
 
+def shown_takes(view: View, recording: Recording, body_parts: tuple[str, ...]) -> tuple[SeenPerformance, ...]:
+    """A reference take as the view sees it, and as done to the other side, if it is in 3-D."""
+    sides = [recording, *([mirrored(recording, body_parts)] if recording.positions.shape[-1] == 3 else [])]
+    return tuple(SeenPerformance.of(view, each, body_parts) for each in sides)
+
+
 def references_of(view: View, recordings: Sequence[Recording], body_parts: tuple[str, ...]) -> ReferenceTakes:
-    """The references of one movement for one view, each also to the other side, if they are in 3-D."""
+    """The references of one movement for one view."""
+    shown = [(shown_takes(view, each, body_parts), each.subject) for each in recordings]
+    return learned_references(shown, body_parts)
+
+
+def learned_references(
+    shown: Sequence[tuple[Sequence[SeenPerformance], str]], body_parts: Sequence[str]
+) -> ReferenceTakes:
+    """The references of takes as one view sees them; each the take and the other side, and the person."""
     takes, rate_hz = list[ReferenceTake](), float(REFERENCE_HZ)
-    for recording in recordings:
-        shown = SeenPerformance.of(view, recording, body_parts)
-        rate_hz = shown.rate_hz
-        takes.append(ReferenceTake(shown.trace, recording.subject))
-        if recording.positions.shape[-1] == 3:
-            other = SeenPerformance.of(view, mirrored(recording, body_parts), body_parts)
-            takes.append(ReferenceTake(other.trace, recording.subject, mirrored=True))
+    for sides, person in shown:
+        rate_hz = sides[0].rate_hz
+        takes += [ReferenceTake(each.trace, person, mirrored=n > 0) for n, each in enumerate(sides)]
     return ReferenceTakes(takes, body_parts, rate_hz)
 
 
