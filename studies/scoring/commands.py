@@ -4,13 +4,16 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import plural, split_list
+
+if TYPE_CHECKING:
+    from observer.motion.archive import Recording
 
 DEFAULT_VIEWS = "door,wheel,yaw:45,yaw:315"
 
@@ -42,7 +45,8 @@ def score(
     from studies.scoring.judging import Judges
 
     archive = read_archive(performances)
-    shown = archive if references is None else read_archive(references)
+    is_same = references is None or references.resolve() == performances.resolve()
+    shown = archive if references is None or is_same else read_archive(references)
     if shown.body_parts != archive.body_parts:
         raise BadInput(f"{references}: other body parts than {performances}; record or import both in the same way")
     choice = _Choice(*(split_list(f"--{name}", text) for name, text in (
@@ -58,10 +62,8 @@ def score(
     with ProgressBar() as bar:
         for n, each in enumerate(performed):
             bar("scoring", n, len(performed))
-            own = [
-                take for take in takes
-                if take.label == each.label and (references is not None or take.subject != each.subject)
-            ]  # fmt: skip
+            others = [take for take in takes if take.label == each.label and not (is_same and _are_one(take, each))]
+            own = [take for take in others if references is not None or take.subject != each.subject]
             judged = judges.judge(each, own)
             words = f"{each.label}, person {each.subject}, trial {each.trial}"
             fields = judged.as_fields()
@@ -75,6 +77,11 @@ def score(
             if report is not None and (best := judged.figure_of()) is not None:
                 name = f"{each.label}-{each.subject}-{each.trial}.svg".replace("/", "_")
                 (report / name).write_text(score_figure(words, best, judged.remarks), encoding="utf-8")
+
+
+def _are_one(one: "Recording", other: "Recording") -> bool:
+    """Whether two recordings of one archive are the same take: it is no reference for itself."""
+    return (one.label, one.subject, one.trial) == (other.label, other.subject, other.trial)
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,12 @@ def test_a_good_performance_scores_higher_than_a_small_one(archives, capsys):
     assert lines.startswith("byebye, person 4, trial 1: ") and "of 10 (door" in lines and "6 reference takes" in lines
 
 
+def test_a_take_is_no_reference_for_itself(archives, capsys):
+    file = str(archives / "own.npz")
+    shown = run(archives, capsys, "--references", file, *VIEWS, "--trials", "1", "--label", "byebye")[1].out
+    assert "not scored, 2 reference takes" in shown
+
+
 def test_the_figure_is_a_picture(archives, capsys, tmp_path):
     words = (
         "--references",
