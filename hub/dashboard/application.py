@@ -5,7 +5,7 @@ Who may read and who may teach is decided in hub/dashboard/access.py; hub/dashbo
 
 import asyncio
 import math
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from urllib.parse import parse_qs
 
 from sse_starlette import EventSourceResponse
@@ -57,10 +57,12 @@ def application(
     is_full: Callable[[], bool],
     newest_picture: Newest | None = None,
     teach: TeachPage | None = None,
+    history: Sequence[Route] = (),
 ) -> Starlette:
     """The application; `stream` yields the events of one browser, `is_full` tells whether there are too many.
 
-    newest_picture: of a live scene; a capture has no pictures. teach: the Teach page; by default it is off.
+    newest_picture: of a live scene; a capture has no pictures. teach: the Teach page; by default it is off. history:
+    the routes of the day page.
     """
     routes = [static_page(path, name) for path, name in STATIC.items()]
     routes += [
@@ -68,6 +70,7 @@ def application(
         Route("/enter", _enter(access), methods=["POST"]),
         Route("/picture/{observer}", _picture(newest_picture)),
         *(teach or TeachPage(access)).routes,
+        *history,
     ]
     return Starlette(routes=routes, middleware=[Middleware(AccessMiddleware, access)])
 

@@ -185,6 +185,7 @@ def _setup(run: DashboardRun) -> "PageSetup":
         scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures,
         run.access.teaches, file, scene.fusion.threshold,
         () if timeline else tuple(name for name, each in scene.observers.items() if each.source == PHONE),
+        bool(scene.history.file) and not timeline,
     )  # fmt: skip
 
 

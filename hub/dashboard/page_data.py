@@ -37,7 +37,7 @@ class PageSetup:
 
     pictures: the observers whose live pictures are switched on, and how many a second. teaches: there is a Teach page.
     file: the scene file, as it is written in a command; "" of a capture. sure: the probability that a verdict needs.
-    phones: the observers that see through a phone.
+    phones: the observers that see through a phone. history: there is a day page.
     """
 
     scene: str
@@ -50,6 +50,7 @@ class PageSetup:
     file: str = ""
     sure: float = 0.6
     phones: tuple[str, ...] = ()
+    history: bool = False
 
 
 def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
@@ -64,6 +65,7 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         "file": setup.file,
         "sure": setup.sure,
         "phones": list(setup.phones),
+        "history": setup.history,
         "positions": {
             name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
             for name, each in setup.positions.items()

@@ -20,6 +20,7 @@ from hub.dashboard.access import LISTEN_KEY, AccessControl
 from hub.dashboard.application import Stream, application
 from hub.dashboard.connections import accept_connections, protocol_in, table_for_this_process
 from hub.dashboard.history import CaptureTimeline, SceneHistory
+from hub.dashboard.history_routes import history_routes
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
@@ -130,7 +131,10 @@ def serve_scene(
             thread = threading.Thread(target=listen_to_mesh, name="mesh")
             thread.start()
             try:
-                app = application(access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach)
+                history = history_routes(scene, access.teaches, has_right(scene, "history"))
+                app = application(
+                    access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, history
+                )
                 await _serve(app, port, run, lambda: _end(stream, teach), pictures.end_unwatched)
             finally:
                 run.ended.set()

@@ -42,6 +42,7 @@ from hub.dashboard.teach_data import (
     tracks_data,
     unwanted_of,
 )
+from hub.history.notes import forget_in_history, note_corrections
 from hub.home_assistant import home_assistant_advice
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
@@ -182,11 +183,16 @@ class TeachPage:
         log.info("teaching from the page: %s", ", ".join(plan.labels))
 
     def _correct(self, fields: dict[str, Any]) -> None:
-        self._required.correct(corrections_of(fields, known_labels(self._required.observers)))
+        wanted = corrections_of(fields, known_labels(self._required.observers))
+        self._required.correct(wanted)
+        if self._scene is not None:
+            note_corrections(self._scene, wanted.labels)
 
     def _forget(self, fields: dict[str, Any]) -> None:
         unwanted = unwanted_of(fields)
         self._required.forget(unwanted, clips=fields.get("clips") is True)
+        if self._scene is not None and (line := forget_in_history(self._scene, unwanted)):
+            log.info("%s", line)
         # No name: what is forgotten does not stay in a log.
         kind = "everything" if unwanted.everything else "a person" if unwanted.person else "a movement"
         log.info("forgetting from the page: %s", kind)

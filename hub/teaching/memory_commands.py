@@ -19,6 +19,7 @@ from common.vocabulary import LABEL, LABEL_RULE
 if TYPE_CHECKING:
     from collections.abc import Collection
 
+    from common.config import Scene
     from hub.scene_state import SceneState
     from hub.session import SceneListener
     from hub.teaching.interface import LessonInterface
@@ -32,6 +33,7 @@ READY_S = 3.0
 class TaughtScene:
     """A running scene. missing: observers that do not run, or do not answer. clip_keepers: those that keep clips."""
 
+    scene: "Scene"
     participants: "Participants"
     interface: "LessonInterface"
     listener: "SceneListener"
@@ -66,7 +68,7 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
             participants = Participants(teacher, interface, ask, list(replies), add=True)
             try:
                 clip_keepers = [name for name in scene.roster if scene.observer(name).clips.folder]
-                yield TaughtScene(participants, interface, listener, missing, clip_keepers)
+                yield TaughtScene(scene, participants, interface, listener, missing, clip_keepers)
             finally:
                 ask(TeachRequest(command="leave", teacher=teacher), list(replies))
 
@@ -77,6 +79,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
     Without any, all learn what was corrected before. Raises BadInput, and LabanmeshError if nothing could be done.
     """
     from common.teaching_messages import require_person
+    from hub.history.notes import note_corrections
     from hub.teaching.correcting import clock_offsets, correct, learn_corrections
     from hub.teaching.moments import correction_of
 
@@ -95,6 +98,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
         observers = list(taught.participants.observers)
         if corrections:
             made = correct(taught.participants, corrections, clock_offsets(state), person)
+            note_corrections(taught.scene, {each.id: each.label for each in corrections})
             observers = [name for name, count in made.items() if count]
         if learn_now:
             learn_corrections(taught.participants, observers)
@@ -129,6 +133,7 @@ def forget(
     Example: labanmesh forget sofa.model --labels wave -o sofa.model
     """
     from common.teaching_messages import Unwanted, require_person
+    from hub.history.notes import forget_in_history
     from hub.teaching.forgetting import forget as forget_everywhere
     from hub.teaching.forgetting import untouched_line
 
@@ -148,6 +153,8 @@ def forget(
             forget_everywhere(taught.participants, Unwanted(person, label, everything), taught.missing, clips=clips)
         finally:
             taught.interface.say(untouched_line(taught.clip_keepers, clips=clips))
+        if line := forget_in_history(taught.scene, Unwanted(person, label, everything)):
+            taught.interface.say(line)
 
 
 def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":

@@ -18,6 +18,7 @@ function onSnapshot(whole) {
   announced = new Map(whole.verdicts.map((each) => [each.id, each.label]));
   put($("scene"), whole.scene);
   $("teach").hidden = !whole.teaches;
+  $("day").hidden = !whole.history;
   document.title = `${whole.scene}: labanmesh`;
   if (!same) { clearJudges(); clearCounter(); layMat(whole.positions); }
   if (whole.span !== null) layReplay(whole);

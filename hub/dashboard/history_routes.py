@@ -1,0 +1,79 @@
+"""The day page, and the history as JSON: who may read the other pages may read these, if the certificate allows it."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from hub.dashboard.access import NO_STORE, static_page
+from hub.database import DatabaseFault
+from hub.history.history_file import HistoryFile, HistoryQuery
+from hub.history.records import KINDS, NS_PER_MS, PAGE_FIELDS
+
+if TYPE_CHECKING:
+    from common.config import Scene
+
+FILES = {"/day": "day.html", "/day.js": "day.js"}
+LAST_MS = 2**53
+"""Numbers of JavaScript are whole up to here."""
+MOST_ROWS = 20_000
+MINUTE_MS = 60_000
+OFF = 'This scene keeps no history: set file = "history.db" in the section [history] of the scene file.\n'
+NO_RIGHT = "This dashboard's certificate has no right to the history: labanmesh secure add ... --hub --history.\n"
+
+
+def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True) -> list[Route]:
+    """The routes; scene: None for a capture, which has none. teaches: the page can correct. allowed: by certificate."""
+    if scene is None:
+        return []
+    off = (404, OFF) if not scene.history.file else (403, NO_RIGHT) if not allowed else None
+
+    def data(request: Request) -> Response:
+        headers = {"cache-control": NO_STORE}
+        if off is not None:
+            return PlainTextResponse(off[1], off[0], headers)
+        try:
+            query = _query(request.query_params)
+            with HistoryFile.to_read(scene.place(scene.history.file)) as file:
+                rows, labels = file.select(query), file.labels()
+        except ValueError as error:
+            return PlainTextResponse(f"{error}\n", 400, headers)
+        except DatabaseFault as error:
+            return PlainTextResponse(f"{error}\n", 503, headers)
+        answer = {
+            "scene": scene.scene,
+            "fields": PAGE_FIELDS,
+            "rows": [row.as_page() for row in rows],
+            "labels": labels,
+            "remembered": round(scene.teaching.remember_minutes * MINUTE_MS) if teaches else 0,
+        }
+        return JSONResponse(answer, headers=headers)
+
+    return [*(static_page(path, name) for path, name in FILES.items()), Route("/history/data", data)]
+
+
+def _query(given: Mapping[str, str]) -> HistoryQuery:
+    """The query of a request; raises ValueError, one line."""
+    kind = given.get("kind", "")
+    if kind and kind not in KINDS:
+        raise ValueError(f"kind = {kind[:40]!r}: {' or '.join(KINDS)} is expected")
+    begin, end = _whole(given, "from", LAST_MS), _whole(given, "until", LAST_MS)
+    limit = _whole(given, "limit", MOST_ROWS)
+    return HistoryQuery(
+        kind,
+        given.get("label", "")[:64],
+        None if begin is None else begin * NS_PER_MS,
+        None if end is None else end * NS_PER_MS,
+        MOST_ROWS if limit is None else limit,
+    )
+
+
+def _whole(given: Mapping[str, str], name: str, most: int) -> int | None:
+    text = given.get(name)
+    if text is None:
+        return None
+    if not text.isascii() or not text.isdecimal() or int(text[:20]) > min(most, LAST_MS):
+        raise ValueError(f"{name} = {text[:40]!r}: a whole number from 0 to {most} is expected")
+    return int(text)

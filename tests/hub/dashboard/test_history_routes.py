@@ -1,0 +1,103 @@
+"""The day page and the history as JSON: token, filters, faults in one line; corrections and forgetting."""
+
+import asyncio
+
+import httpx
+import pytest
+
+from common import SECOND_NS
+from common.config import read_scene
+from common.teaching_messages import Unwanted
+from hub.dashboard.access import AccessControl
+from hub.dashboard.application import application
+from hub.dashboard.history_routes import history_routes
+from hub.history.history_file import HistoryFile, HistoryQuery
+from hub.history.notes import forget_in_history, note_corrections
+from hub.history.records import HistoryRow
+
+TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
+NOON_MS = 1_700_000_000_000
+
+
+def scene_of(tmp_path, more='[history]\nfile = "h.db"\n'):
+    (tmp_path / "s.toml").write_text(f'scene = "room"\n[observers.cam1]\nsource = "a.npz"\n{more}')
+    return read_scene(tmp_path / "s.toml", {})
+
+
+@pytest.fixture
+def scene(tmp_path):
+    scene = scene_of(tmp_path)
+    with HistoryFile.to_write(tmp_path / "h.db") as file:
+        for number, label in enumerate(("wave", "clap", "wave")):
+            at_ns = (NOON_MS + number * 1000) * 10**6
+            detail = '{"repetitions": 8}'
+            file.add(HistoryRow("verdict", f"v{number}", label, "ended", at_ns, at_ns, at_ns + SECOND_NS, 0.91, 3, 4,
+                                detail=detail))  # fmt: skip
+    return scene
+
+
+def got(scene, path, token=None, allowed=True, given=None, teaches=True):
+    async def ask():
+        app = application(AccessControl(token), None, lambda: False, history=history_routes(scene, teaches, allowed))
+        headers = {"authorization": f"Bearer {given}"} if given else {}
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+            return await client.get(path, headers=headers)
+
+    return asyncio.run(ask())
+
+
+def test_programs_get_the_rows_with_filters(scene):
+    whole = got(scene, "/history/data").json()
+    assert whole["labels"] == ["clap", "wave"] and whole["remembered"] == 600_000 and whole["scene"] == "room"
+    rows = [dict(zip(whole["fields"], row, strict=True)) for row in whole["rows"]]
+    assert [row["id"] for row in rows] == ["v2", "v1", "v0"] and rows[2]["began"] == NOON_MS
+    assert rows[0]["repetitions"] == 8 and rows[0]["p"] == 0.91 and rows[0]["corrected"] is None
+    assert len(got(scene, "/history/data?label=wave").json()["rows"]) == 2
+    assert len(got(scene, f"/history/data?from={NOON_MS + 500}&until={NOON_MS + 1500}").json()["rows"]) == 1
+    assert len(got(scene, "/history/data?kind=fall").json()["rows"]) == 0
+    assert len(got(scene, "/history/data?limit=1").json()["rows"]) == 1
+    assert got(scene, "/history/data", teaches=False).json()["remembered"] == 0
+
+
+@pytest.mark.parametrize("query", ["kind=dance", "from=now", "from=-1", f"until={10**30}", "limit=1e9", "limit=20001"])
+def test_bad_queries_are_one_line(scene, query):
+    answer = got(scene, f"/history/data?{query}")
+    assert answer.status_code == 400 and answer.text.count("\n") == 1 and "expected" in answer.text
+
+
+def test_the_token_and_the_right_guard_the_history(scene):
+    for path in ("/day", "/day.js", "/history/data"):
+        assert got(scene, path, TOKEN).status_code == 401
+        assert got(scene, path, TOKEN, given=TOKEN).status_code == 200
+    answer = got(scene, "/history/data", allowed=False)
+    assert answer.status_code == 403 and "secure add" in answer.text
+    assert got(scene, "/history/data").headers["cache-control"] == "no-store"
+
+
+def test_what_cannot_be_read_is_one_line(scene, tmp_path):
+    assert got(scene_of(tmp_path, ""), "/history/data").status_code == 404
+    for each in tmp_path.glob("h.db*"):
+        each.unlink()
+    answer = got(scene, "/history/data")
+    assert answer.status_code == 503 and "nothing has been kept yet" in answer.text
+    assert history_routes(None, teaches=False) == []
+
+
+def test_corrections_and_forgetting_reach_the_file(scene, tmp_path):
+    note_corrections(scene, {"v0": "clap", "moment-1": "bow"})
+    assert forget_in_history(scene, Unwanted("anna", "", everything=False)).startswith("history: says of nobody")
+    with HistoryFile.to_read(tmp_path / "h.db") as file:
+        assert {row.id: row.corrected for row in file.select(HistoryQuery())} == {"v0": "clap", "v1": None, "v2": None}
+    assert forget_in_history(scene, Unwanted("", "clap", everything=False)) == "history: 2 rows removed"
+    assert forget_in_history(scene, Unwanted("", "", everything=True)) == "history: 1 row removed"
+    assert forget_in_history(scene_of(tmp_path, ""), Unwanted("", "wave", everything=False)) == ""
+    elsewhere = scene_of(tmp_path, '[history]\nfile = "other.db"\n')
+    assert "not on this machine" in forget_in_history(elsewhere, Unwanted("", "wave", everything=False))
+    assert not (tmp_path / "other.db").exists()
+
+
+def test_a_correction_that_cannot_be_written_is_one_line(scene, tmp_path, caplog):
+    (tmp_path / "h.db").write_bytes(b"no database" * 500)
+    note_corrections(scene, {"v0": "clap"})
+    assert caplog.text.count("not corrected there") == 1
