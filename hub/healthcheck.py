@@ -23,13 +23,13 @@ TIMEOUT_S = 3.0
 """A container gives its check five seconds, of which Python needs one to start."""
 PAUSE_S = 0.05
 MESH_TIMEOUT_S = 2.0
-HUBS = ("mqtt", "dashboard")
+HUBS = ("mqtt", "dashboard", "events")
 
 
 def healthcheck(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML).")] = Path("scene.toml"),
     process: Annotated[
-        str, typer.Option(metavar="ID", help="An observer, a fusion service, or a hub: mqtt, dashboard.")
+        str, typer.Option(metavar="ID", help="An observer, a fusion service, or a hub: mqtt, dashboard, events.")
     ] = "",
 ) -> None:
     """Whether a process is ready: one line, exit status 0 or 1. Without --process: the one at metrics.listen, or all.

@@ -19,7 +19,7 @@ from common.messages import StatusMessage, VerdictMessage
 from hub.anticipation import NEVER, Anticipation, EarlyWord
 from hub.mqtt.counters import Counters
 from hub.mqtt.entities import Topics, discovery
-from hub.mqtt.events import EVENT_S, Publication, VerdictEvents, early_event, last_verdict_state
+from hub.mqtt.events import EVENT_S, Publication, VerdictEvents, early_event, last_event_state, last_verdict_state
 from hub.mqtt.states import RetainedState, SceneSnapshot, reported_facets, retained_states
 from hub.scene_state import SceneState
 
@@ -118,6 +118,8 @@ class SceneBridge:
         wanted |= self._removals(wanted)
         if self._verdict_events.last is not None:
             wanted[self.topics.of("last_verdict")] = RetainedState(last_verdict_state(self._verdict_events.last))
+        if (event := last_event_state(self._verdict_events.last, state.fall)) is not None:
+            wanted[self.topics.of("last_event")] = RetainedState(event)
         due = [topic for topic, retained in wanted.items() if self._is_due(topic, retained, now_s)]
         self._published |= {topic: (wanted[topic], now_s) for topic in due}
         return [Publication(topic, wanted[topic].payload) for topic in due]

@@ -34,7 +34,8 @@ FIRST_WORD = "{{ value_json.event_type if value_json.stage == 'decided' else '' 
 COUNT_PARTS: Mapping[str, str] = {"sensor": "COUNT", "number": "TARGET", "button": "RESET"}
 """The entities that count a movement, and what each is in their ids."""
 SceneTopic = Literal[
-    "availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target", "fallen", "fall"
+    "availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target", "fallen", "fall",
+    "last_event",
 ]  # fmt: skip
 FACET_ICONS: Mapping[str, str] = {
     "effort_time": "mdi:timer-outline",
@@ -225,6 +226,8 @@ def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> 
     yield sensor("ENTROPY", "Entropy", _value(topics.of("state"), "entropy") | BITS)
     last = {"json_attributes_topic": topics.of("last_verdict"), "icon": "mdi:history"}
     yield sensor("LAST_VERDICT", "Last verdict", _word(topics.of("last_verdict"), "label") | last)
+    event = {"json_attributes_topic": topics.of("last_event"), "icon": "mdi:timeline-clock-outline"}
+    yield sensor("LAST_EVENT", "Last event", _word(topics.of("last_event"), "event") | event)
     for facet in (each for each in (*EFFORT, *SHAPE) if each in facets):
         yield sensor(facet.upper(), _title(facet), _facet(topics.of("facets"), facet))
     if FACING in facets:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from common import SECOND_NS
+from common.fall_messages import FallMessage
 from common.messages import VerdictMessage, VerdictStage
 from hub.anticipation import EarlyWord
 from hub.mqtt.entities import Topics
@@ -107,6 +108,19 @@ def last_verdict_state(verdict: VerdictMessage) -> str:
     """A verdict as the retained state of a sensor; a restarted hub continues from its `said_ns`."""
     words = {"label": verdict.label, "stage": verdict.stage, "revises": verdict.revises, "why": verdict.why}
     return json.dumps({**words, **_facts(verdict), "said_ns": verdict.at_ns}, allow_nan=False)
+
+
+def last_event_state(verdict: VerdictMessage | None, fall: FallMessage | None) -> str | None:
+    """What happened last, a movement or a fall, as the retained state of a sensor; None: nothing yet."""
+    has_fall = fall is not None and fall.id is not None and fall.stage in ("fallen", "up")
+    if fall is not None and has_fall and (verdict is None or fall.since_ns >= verdict.began_ns):
+        event = "fallen" if fall.stage == "fallen" else "up_again"
+        fields = {"event": event, "kind": "fall", "id": fall.id, "when": moment(fall.since_ns)}
+        return json.dumps(fields, allow_nan=False)
+    if verdict is None:
+        return None
+    fields = {"event": verdict.label, "kind": "verdict", "id": verdict.id, "when": moment(verdict.began_ns)}
+    return json.dumps({**fields, "confidence": confidence(verdict)}, allow_nan=False)
 
 
 def recalled_ns(payload: bytes | str) -> int | None:

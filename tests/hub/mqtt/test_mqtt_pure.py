@@ -78,7 +78,7 @@ def test_ids_are_legal_and_unique():
 
 def test_observers_hang_below_their_scene_and_need_the_hub_and_themselves():
     configs = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "Dojo").items()}
-    assert len(configs) == 7 + 10 * len(OBSERVERS)
+    assert len(configs) == 8 + 10 * len(OBSERVERS)
     age, verdict = configs[sensor("OBSERVER_cam1_AGE")], configs["homeassistant/event/labanmesh_room_VERDICT/config"]
     assert age["device"]["via_device"] == verdict["device"]["identifiers"][0]
     assert age["availability_mode"] == "all" and age["entity_category"] == "diagnostic"
