@@ -96,6 +96,10 @@ class CheckpointFile:
             return cls(place, own)
         return cls(place / f"{scene.scene}.{own}{SUFFIX}", own, f"{scene.scene}.")
 
+    def beside(self, suffix: str) -> Path:
+        """The path of another file of the same service, in the same place."""
+        return self._path.with_name(f"{self._path.name}.{suffix}")
+
     def read(self, scene: str) -> Checkpoint | None:
         """The newest checkpoint of `scene`, however old; None when there is no file, or not one of this scene."""
         checkpoints = [

@@ -5,14 +5,18 @@ owner alone publishes.
 """
 
 import logging
+import os
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
 from common.config import Scene
+from common.errors import reason_of
 from common.fall_messages import FallMessage, PostureMessage
+from common.files import open_private
 from common.keys import observer_of
 from common.messages import Agreement
-from common.wire import BadMessage, decode, encode
+from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.engine.falls import FallDetector, FallState
 
 if TYPE_CHECKING:
@@ -21,12 +25,18 @@ if TYPE_CHECKING:
 log = logging.getLogger("labanmesh.fusion")
 EVERY_NS = SECOND_NS
 """The stage is published again so often, because a message may have been lost."""
+FORGET_NS = 3600 * SECOND_NS
+"""A stage that is older is not continued: nobody knows what has happened since."""
 
 
 class FallWatch:
-    """The watch of one scene, whose [watch.fallen] is on."""
+    """The watch of one scene, whose [watch.fallen] is on.
 
-    def __init__(self, scene: Scene, service: "Service", after_s: float) -> None:
+    memory: the file from which the next process of this service continues; None: it begins anew. So a kill while
+    somebody lies neither loses the alarm nor its end.
+    """
+
+    def __init__(self, scene: Scene, service: "Service", after_s: float, memory: Path | None = None) -> None:
         self._payload: bytes | None = None
         self.owns = False
         self._scene, self._service, self._detector = scene, service, FallDetector(after_s)
@@ -38,6 +48,8 @@ class FallWatch:
         self._drop_ns = round(scene.fusion.drop_s * SECOND_NS)
         self._sent: tuple[int, str] = (0, "")
         self._stage, self._ids = "unknown", (0, "")
+        self._memory = memory
+        self._restore()
 
     def step(self, owns: bool) -> None:
         """Take the newest postures, decide, and publish if this service owns the scene."""
@@ -62,12 +74,39 @@ class FallWatch:
         if stage != state.stage or not 0 <= now_ns - sent_ns < EVERY_NS:
             self._sent = now_ns, state.stage
             self._publish(state, lying, now_ns)
+            if changed:
+                self._remember()
         if changed and owns:
             _log(self._scene.scene, state)
 
     def close(self) -> None:
         """End all subscriptions and publications."""
         self._session.close()
+
+    def _restore(self) -> None:
+        """Continue from the stage in the file, if there is one that is not too old."""
+        now_ns = self._service.clock()
+        try:
+            with open(self._memory or os.devnull, "rb") as file:  # noqa: PTH123 - the null device is no path of ours
+                message = decode(FallMessage, file.read(SIZE_LIMIT + 1))
+        except (OSError, BadMessage):
+            return
+        if message.scene == self._scene.scene and 0 <= now_ns - message.at_ns < FORGET_NS:
+            self._detector.restore(message.stage, message.since_ns, now_ns)
+            self._stage, self._ids = message.stage, (0, message.id or "")
+
+    def _remember(self) -> None:
+        """Write the stage; a fault is one line, and the watch goes on."""
+        if self._memory is None or self._payload is None:
+            return
+        temporary = self._memory.with_name(f"{self._memory.name}.new")
+        try:
+            with os.fdopen(open_private(temporary), "wb") as file:
+                file.write(self._payload)
+            temporary.replace(self._memory)
+        except OSError as error:
+            log.warning("%s: the stage of the watch for falls is not kept: %s", self._memory, reason_of(error))
+            self._memory = None
 
     def _publish(self, state: FallState, lying: dict[str, float | None], now_ns: int) -> None:
         message = FallMessage(

@@ -74,8 +74,8 @@ class SceneMember:
         self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
-        fallen = scene.watch.fallen
-        self._falls = None if fallen is None else FallWatch(scene, service, fallen.after_s)
+        fallen, memory = scene.watch.fallen, None if self._file is None else self._file.beside("fall")
+        self._falls = None if fallen is None else FallWatch(scene, service, fallen.after_s, memory)
 
     @property
     def role(self) -> Role:
@@ -104,7 +104,7 @@ class SceneMember:
                 self.ownership.complete_handover()
         self._follow_role()
         if self._falls is not None:
-            self._falls.step(self.role is Role.OWNER)
+            self._falls.step(self.role is Role.OWNER and self._same_id.stance is Stance.GO_ON)
         return self.worker
 
     @property

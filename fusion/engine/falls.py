@@ -50,6 +50,11 @@ class FallDetector:
         self._state = FallState("unknown", 0)
         self._seen_ns = self._up_ns = 0
 
+    def restore(self, stage: FallStage, since_ns: int, now_ns: int) -> None:
+        """Continue from the stage of an earlier process; to be called before the first update."""
+        self._state = FallState(stage, since_ns)
+        self._seen_ns = self._up_ns = now_ns
+
     def update(self, lying: Mapping[str, float | None], now_ns: int) -> FallState:
         """The state at `now_ns`. lying: P(lying) by observer; None: it does not see the person well enough."""
         p = pooled(lying)

@@ -86,6 +86,30 @@ def test_a_late_hub_knows_the_stage_and_a_forged_posture_changes_nothing(mesh, s
         until(lambda: late.state.fall is not None and late.state.fall.stage == "fallen")
 
 
+def test_a_service_that_is_killed_while_somebody_lies_goes_on_with_the_alarm(mesh, scene):
+    inbox = mesh.peer("hub").inbox(scene.keys.fall)
+    messages = []
+
+    def seen(stage, **lying):
+        postures.show(**lying)
+        messages.extend(decode(FallMessage, arrival.payload) for arrival in inbox.take(0.02))
+        return bool(messages) and messages[-1].stage == stage
+
+    stop, thread = mesh.run(serve, [scene], "fusion", mesh.peer("standby"))
+    postures = Postures(mesh, scene)
+    for stage, p in (("up", 0.0), ("fallen", 0.9)):
+        until(lambda stage=stage, p=p: seen(stage, cam1=p, cam2=p))
+    fall = messages[-1]
+    stop.set()
+    thread.join(SOON_S)
+    messages.clear()
+    mesh.run(serve, [scene], "fusion", mesh.peer("standby"))
+    until(lambda: seen("fallen", cam1=0.9, cam2=0.9))
+    assert messages[-1].id == fall.id and messages[-1].session != fall.session
+    until(lambda: seen("up", cam1=0.0, cam2=0.0))
+    assert messages[-1].id == fall.id
+
+
 def test_a_scene_without_the_section_watches_for_nothing(mesh, tmp_path):
     scene = scene_of(tmp_path, "")
     assert scene.watch.fallen is None

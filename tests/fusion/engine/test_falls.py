@@ -61,6 +61,14 @@ def test_an_alarm_does_not_end_because_nobody_is_seen():
     assert result[-25] == "fallen" and result[-1] == "up"
 
 
+def test_a_restored_alarm_goes_on_until_somebody_is_seen_up():
+    detector = FallDetector(AFTER_S)
+    detector.restore("fallen", 0, 60 * SECOND_NS)
+    stages = [detector.update({"cam1": p}, round(at * SECOND_NS)).stage for at, p in every(60, 63, None)]
+    stages += [detector.update({"cam1": p}, round(at * SECOND_NS)).stage for at, p in every(63, 65, 0.0)]
+    assert stages[29] == "fallen" and stages[-1] == "up"
+
+
 def test_falls_are_numbered():
     detector = FallDetector(AFTER_S)
     for at, p in [*every(0, 1, 0.0), *every(1, 4, 0.9), *every(4, 6, 0.0), *every(6, 9, 0.9)]:
