@@ -72,7 +72,10 @@ def watch(
 
 @dataclass(slots=True)
 class StartNotice:
-    """Says what is missing while no judgement has been received; began_ns: the time of the first update."""
+    """Says what is missing while neither a judgement nor a stage of the watch for falls has been received.
+
+    began_ns: the time of the first update.
+    """
 
     scene: "Scene"
     file: Path
@@ -81,7 +84,8 @@ class StartNotice:
     def text(self, state: SceneState) -> str:
         """One line; "" while there is nothing to say."""
         self.began_ns = self.began_ns or state.now_ns
-        if state.judgement is not None or state.now_ns - self.began_ns < NOTICE_AFTER_S * SECOND_NS:
+        is_heard = state.judgement is not None or state.fall is not None
+        if is_heard or state.now_ns - self.began_ns < NOTICE_AFTER_S * SECOND_NS:
             return ""
         where = f"scene {self.scene.scene} at {self.scene.mesh.endpoint}"
         if state.is_empty:

@@ -245,7 +245,7 @@ def _falls(topics: Topics) -> list[Entity]:
     posture = _word(topics.of("fall"), "stage") | {"icon": "mdi:human"}
     return [
         Entity("binary_sensor", "FALLEN", "Fallen", alarm, (topics.bridge,)),
-        Entity("sensor", "POSTURE", "Posture", posture, (topics.bridge, topics.of("availability"))),
+        Entity("sensor", "POSTURE", "Posture", posture, (topics.bridge,)),
     ]
 
 

@@ -6,10 +6,12 @@ page is drawn in dark colours, to be looked at.
 """
 
 import os
+import random
 import shutil
 import subprocess
 import sys
 import tempfile
+import time
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -19,15 +21,26 @@ from playwright.sync_api import sync_playwright
 
 # The person in the pictures is synthetic: recordings belong to others.
 os.environ.pop("LABANMESH_DATA", None)
-sys.path += [str(Path(__file__).parents[n] / folder) for n, folder in ((2, ""), (1, "shared"), (1, "hub"), (0, ""))]
+sys.path += [
+    str(Path(__file__).parents[n] / folder) for n, folder in ((2, ""), (1, "shared"), (1, "hub"), (1, "e2e"), (0, ""))
+]
 
+from e2e_stage import free_endpoint, write_scene
 from phone_picture import draw_phone
 from played_scene import ROOT, Dashboard, environment
 from processes import labanmesh
 from teach_stage import TaughtScene
 
+from benchmarks.simulated_falls import fall
+from common import SECOND_NS
 from common.progress import ProgressBar
+from hub.history.history_file import HistoryFile
+from hub.history.records import HistoryRow
+from observer.motion.archive import MotionArchive
+from observer.motion.archive_file import write_archive
+from observer.tracks import WHOLE_BODY
 from studies.demo_scene import synthetic_performance, write_demo
+from studies.performer.perform import PEOPLE
 
 DASHBOARD = {
     "dashboard-light": {"viewport": {"width": 1180, "height": 900}, "color_scheme": "light"},
@@ -69,6 +82,48 @@ def draw_dashboard(chromium, folder, work):
         for name, picture in pictures.items():
             save(picture, folder / f"{name}.png")
             pages[name].close()
+
+
+def draw_fall(chromium, folder, work):
+    """The page while a simulated person lies, and the day page of movements that are made up."""
+    recording = fall(PEOPLE[0], 90, slow=True).recording
+    write_archive(work / "fall.npz", MotionArchive(WHOLE_BODY, (recording,)))
+    observers = {name: f'source = "fall.npz"\nview = "{name}"\n' for name in ("door", "wheel")}
+    scene = write_scene(work / "fall.toml", free_endpoint(), observers)
+    scene.write_text(scene.read_text() + '[watch.fallen]\n[history]\nfile = "history.db"\n')
+    with (work / "fall.txt").open("w") as log, Dashboard(scene) as dashboard:
+        page = chromium.new_page(viewport={"width": 1180, "height": 560}, color_scheme="light")
+        page.goto(dashboard.url)
+        processes = subprocess.Popen(labanmesh("up", scene), cwd=ROOT, env=environment(), stdout=log, stderr=log)
+        try:
+            page.wait_for_selector("#fall[data-kind=fallen]", timeout=WAIT_MS)
+            save(page.screenshot(clip={"x": 0, "y": 0, "width": 1180, "height": 172}), folder / "fall.png")
+        finally:
+            processes.terminate()
+            processes.wait()
+        keep(work / "history.db")
+        page.goto(f"{dashboard.url}day")
+        page.wait_for_selector("tr.entry")
+        take(page, folder / "day.png")
+        page.close()
+
+
+def keep(path):
+    """Movements of this day until now, so many that the strip shows something."""
+    rng = random.Random(0)  # noqa: S311 - moments, no secrets
+    midnight_s = time.mktime((*time.localtime()[:3], 0, 0, 0, 0, 0, -1))
+    with HistoryFile.to_write(path) as file:
+        file.forget()
+        for number in range(60):
+            begin_ns = round((midnight_s + rng.choice((7, 8, 12, 17, 18, 20)) * 3600 + rng.random() * 3000) * SECOND_NS)
+            label, seconds = rng.choice((("wave", 2), ("squat", 31), ("answer_phone", 3), ("abstain", 2)))
+            detail = '{"repetitions": 10}' if label == "squat" else "{}"
+            end_ns = begin_ns + round(seconds * (0.8 + 0.4 * rng.random()) * SECOND_NS)
+            file.add(HistoryRow("verdict", f"v{number}", label, "ended", begin_ns, end_ns, end_ns,
+                                0.7 + 0.29 * rng.random(), rng.choice((3, 4)), 4, detail=detail))  # fmt: skip
+        begin_ns = round((midnight_s + 14.3 * 3600) * SECOND_NS)
+        end_ns = begin_ns + 19 * SECOND_NS
+        file.add(HistoryRow("fall", "fall-1", "fallen", "fallen", begin_ns, end_ns, end_ns, 0.94, 2, 2))
 
 
 def draw_teach(chromium, folder, work, scheme):
@@ -125,6 +180,7 @@ def main(words):
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as work:
         chromium = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         draw_dashboard(chromium, folders[0], Path(work))
+        draw_fall(chromium, folders[0], Path(work))
         draw_teach(chromium, folders[0], Path(work), "dark" if "--dark" in words else "light")
         chromium.close()
         save(draw_phone(driver, path, PHONE), folders[0] / "phone.png")

@@ -80,9 +80,9 @@ function showFall(state) {
   const sight = n ? `${k} of ${count(n, "judge")} ${n === 1 ? "sees" : "see"} it` : "nobody is seen now";
   part($("fall"), [word, fall.since, k, n], () => [make("p", "verdict", word), make("p", "quiet", `since ${clock(fall.since)}, ${sight}`)]);
 }
-const LINKS = { capture: "capture", waiting: "waiting for a referee", silent: "referee silent", unobserved: "waiting for observers", live: "live" };
+const LINKS = { capture: "capture", watch: "watching for falls", waiting: "waiting for a referee", silent: "referee silent", unobserved: "waiting for observers", live: "live" };
 function showHeader(setup, state) {
-  const kind = setup.span !== null ? "capture" : !state.judged ? "waiting" : state.silent ? "silent" : state.waiting ? "unobserved" : "live";
+  const kind = setup.span !== null ? "capture" : !state.judged ? (state.fall ? "watch" : "waiting") : state.silent ? "silent" : state.waiting ? "unobserved" : "live";
   link(kind, LINKS[kind]);
   const news = state.rule === null ? [] : [`${state.fusion}: ${state.rule}`];
   if (setup.quorum) news.push(`${setup.quorum} must agree`);

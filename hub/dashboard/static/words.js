@@ -88,6 +88,8 @@ export function advice(setup, state) {
   const up = verb("up"), doctor = verb("doctor"), all = (kind) => observers.every((each) => each.gone || each.state === kind);
   const blind = observers.find((each) => setup.phones.includes(each.name) && each.present && !each.heard && each.health?.state === "degraded");
   if (blind) return [`${blind.name} waits for its phone. Show the code, and scan it with the phone:`, verb("phone", blind.name)];
+  // A scene may watch for falls before anybody has taught it a movement.
+  if (!state.judged && state.fall) return null;
   if (!state.judged) return runs ? ["Judges run, and no referee is heard. Start it:", verb("fuse")] : ["Nothing runs here yet. Start it:", up];
   if (state.silent && !runs) return ["Nothing is heard any more. Start it again:", up];
   if (state.silent) return ["The referee has fallen silent. If it does not come back, start it:", verb("fuse")];
