@@ -2,7 +2,8 @@
 
 1. A row is on the disk when `add` returns: a kill afterwards loses nothing.
 2. A later word replaces an earlier one; a word that comes late changes nothing.
-3. What is too old, or too much, is deleted by `delete_old`; deleted rows are overwritten.
+3. What was kept too long ago, by this machine's clock, or is too much, is deleted by `delete_old`; deleted rows are
+   overwritten. A fusion machine whose clock is wrong costs no row.
 4. The program that writes is `labanmesh hub events`; corrections and forgetting are written by whoever does them.
 """
 
@@ -20,7 +21,8 @@ VERSION = 1
 SCHEMA = (
     "CREATE TABLE events (seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, id TEXT NOT NULL, label TEXT NOT NULL, "
     "stage TEXT NOT NULL, began_ns INTEGER NOT NULL, at_ns INTEGER NOT NULL, ended_ns INTEGER, p REAL, k INTEGER, "
-    "n INTEGER, revises TEXT, corrected TEXT, detail TEXT NOT NULL, UNIQUE (kind, id))",
+    "n INTEGER, revises TEXT, corrected TEXT, detail TEXT NOT NULL, "
+    "kept_s INTEGER NOT NULL DEFAULT (CAST(strftime('%s', 'now') AS INTEGER)), UNIQUE (kind, id))",
     "CREATE INDEX events_began ON events (began_ns)",
     "CREATE INDEX events_label ON events (label, began_ns)",
 )
@@ -112,10 +114,10 @@ class HistoryFile:
     def delete_old(self, now_ns: int, keep_days: float, keep_mb: float) -> int:
         """Delete what is older than `keep_days`, and the oldest while the file has more than `keep_mb`; how many."""
         with transaction(self.path, self._connection) as connection:
-            oldest_ns = now_ns - round(keep_days * DAY_NS)
-            deleted = connection.execute("DELETE FROM events WHERE at_ns < ?", (oldest_ns,)).rowcount
+            oldest_s = (now_ns - round(keep_days * DAY_NS)) // SECOND_NS
+            deleted = connection.execute("DELETE FROM events WHERE kept_s < ?", (oldest_s,)).rowcount
             while self._used_bytes() > keep_mb * MB and (rows := self.rows):
-                statement = "DELETE FROM events WHERE seq IN (SELECT seq FROM events ORDER BY at_ns, seq LIMIT ?)"
+                statement = "DELETE FROM events WHERE seq IN (SELECT seq FROM events ORDER BY seq LIMIT ?)"
                 deleted += connection.execute(statement, (max(round(TOO_MUCH * rows), 1),)).rowcount
         if deleted:
             self._compact()

@@ -64,8 +64,8 @@ def require_something(scene: Scene) -> None:
 
 
 def _is_new(message: VerdictMessage | FallMessage, stages: dict[str, str]) -> bool:
-    """Verdicts are, and stages of the watch for falls that are not repeated; `up` only after an alarm."""
+    """Verdicts are, and stages of the watch for falls that do not repeat the one before."""
     if isinstance(message, VerdictMessage):
         return True
     before, stages["fall"] = stages.get("fall", ""), f"{message.id} {message.stage}"
-    return before != stages["fall"] and (message.stage != "up" or before == f"{message.id} fallen" or not before)
+    return before != stages["fall"]

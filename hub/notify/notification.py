@@ -25,7 +25,7 @@ SIGNATURE, TIMESTAMP, ID = "X-Labanmesh-Signature", "X-Labanmesh-Timestamp", "X-
 @dataclass(frozen=True, slots=True)
 class Notification:
     """label: by which it waits for the cooldown. what, sure: in words. p: 0 to 1, None if it says nothing. key: the
-    same notification has the same key, also after a restart."""
+    same notification has the same key, also after a restart. after: the key of one without which this says nothing."""
 
     scene: str
     kind: str
@@ -36,6 +36,7 @@ class Notification:
     p: float | None
     sure: str
     is_urgent: bool = False
+    after: str = ""
 
     @property
     def title(self) -> str:
@@ -71,7 +72,8 @@ def _of_fall(fall: FallMessage) -> Notification | None:
     if fall.id is None or fall.stage not in ("fallen", "up"):
         return None
     if fall.stage == "up":
-        return Notification(fall.scene, "fall", UP_AGAIN, f"{fall.id} up", "up again", fall.since_ns, None, "")
+        key, alarm = f"{fall.id} up", f"{fall.id} fallen"
+        return Notification(fall.scene, "fall", UP_AGAIN, key, "up again", fall.since_ns, None, "", after=alarm)
     agreement = fall.agreement
     sure = f"{agreement.k} of {agreement.n} see the person lie" if agreement.n else "nobody sees the person now"
     sure = sure if fall.lying is None else f"{fall.lying:.0%} sure, {sure}"
@@ -127,7 +129,7 @@ def _json(content: Mapping[str, Any]) -> Form:
 
 def _plain(notification: Notification, config: NotifyConfig, token: str) -> Form:
     fields = asdict(notification)
-    del fields["at_ns"], fields["key"], fields["is_urgent"]
+    del fields["at_ns"], fields["key"], fields["is_urgent"], fields["after"]
     when = moment(notification.at_ns)
     more = {"id": notification.key, "when": when, "link": config.page, "text": text_of(notification, config)}
     return _json({**fields, **more})

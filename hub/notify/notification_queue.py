@@ -45,7 +45,10 @@ class NotificationQueue:
         self._lock = threading.Lock()
 
     def put(self, name: str, note: Notification, request: WebhookRequest, config: NotifyConfig, now_ns: int) -> int:
-        """Append a request, unless it was put before or its label cools down; how many old ones had to go for it."""
+        """Append a request, unless it was put before, its label cools down, or what it follows was never told.
+
+        Returns how many old ones had to go for it.
+        """
         with self._lock, transaction(self.path, self._connection) as connection:
             if self._is_told(connection, name, note, config.cooldown_s):
                 return 0
@@ -82,7 +85,10 @@ class NotificationQueue:
 
     @staticmethod
     def _is_told(connection: sqlite3.Connection, name: str, note: Notification, cooldown_s: float) -> bool:
-        if connection.execute("SELECT 1 FROM told WHERE name = ? AND key = ?", (name, note.key)).fetchone():
+        is_told = "SELECT 1 FROM told WHERE name = ? AND key = ?"
+        if connection.execute(is_told, (name, note.key)).fetchone():
+            return True
+        if note.after and not connection.execute(is_told, (name, note.after)).fetchone():
             return True
         # By the time of the event: a clock that was set back begins anew.
         newest = "SELECT at_ns FROM told WHERE name = ? AND label = ? ORDER BY seq DESC LIMIT 1"

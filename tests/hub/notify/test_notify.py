@@ -171,6 +171,15 @@ def test_a_label_cools_down_and_both_words_on_a_movement_are_one(make, tmp_path)
         assert server.texts == ["wave", "wave", "wave", "somebody has fallen"]
 
 
+def test_up_again_is_told_only_after_the_alarm(make, tmp_path):
+    with WebhookServer() as server, Told(tmp_path, server.url) as told:
+        for message in (fall("up", 1), fall("fallen", 2), fall("fallen", 2), fall("up", 2), fall("up", 2)):
+            told.notifying.take(message, answered=False)
+        told.tell(make, 1)
+        until(lambda: len(server.accepted) == 3)
+        assert server.texts == ["somebody has fallen", "up again", "m1"]
+
+
 def hang(number, handler):
     handler.server.timeout = None
     SERVERS[-1].ended.wait(5)
