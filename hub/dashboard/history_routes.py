@@ -1,12 +1,15 @@
 """The day page, and the history as JSON: who may read the other pages may read these, if the certificate allows it."""
 
-from collections.abc import Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from common.clip_name import clip_parts, safe_word
 from hub.dashboard.access import NO_STORE, static_page
 from hub.database import DatabaseFault
 from hub.history.history_file import HistoryFile, HistoryQuery
@@ -24,8 +27,11 @@ OFF = 'This scene keeps no history: set file = "history.db" in the section [hist
 NO_RIGHT = "This dashboard's certificate has no right to the history: labanmesh secure add ... --hub --history.\n"
 
 
-def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True) -> list[Route]:
-    """The routes; scene: None for a capture, which has none. teaches: the page can correct. allowed: by certificate."""
+def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, shows_clips: bool = True) -> list[Route]:
+    """The routes; scene: None for a capture, which has none. teaches: the page can correct.
+
+    allowed, shows_clips: what the certificate allows; clips are those of observers on this machine.
+    """
     if scene is None:
         return []
     off = (404, OFF) if not scene.history.file else (403, NO_RIGHT) if not allowed else None
@@ -47,11 +53,50 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True) -
             "fields": PAGE_FIELDS,
             "rows": [row.as_page() for row in rows],
             "labels": labels,
+            "clips": clips_of(scene, {row.id for row in rows}) if shows_clips else {},
             "remembered": round(scene.teaching.remember_minutes * MINUTE_MS) if teaches else 0,
         }
         return JSONResponse(answer, headers=headers)
 
-    return [*(static_page(path, name) for path, name in FILES.items()), Route("/history/data", data)]
+    def clip(request: Request) -> Response:
+        wanted = request.path_params["observer"], request.path_params["verdict"]
+        for observer, verdict, path in _clips(scene) if shows_clips and off is None else ():
+            if (observer, verdict) == wanted:
+                try:
+                    content = path.read_bytes()
+                except OSError:
+                    break
+                headers = {"cache-control": NO_STORE, "content-disposition": f'attachment; filename="{path.name}"'}
+                return Response(content, media_type="video/x-msvideo", headers=headers)
+        return PlainTextResponse("There is no such clip on this machine.\n", 404)
+
+    pages = [static_page(path, name) for path, name in FILES.items()]
+    return [*pages, Route("/history/data", data), Route("/history/clip/{observer}/{verdict}", clip)]
+
+
+def clips_of(scene: "Scene", verdicts: set[str]) -> dict[str, list[list[str]]]:
+    """For each of these verdicts that has clips here: the observers, each with the verdict's word in the name."""
+    words = {safe_word(verdict): verdict for verdict in verdicts}
+    clips: dict[str, list[list[str]]] = defaultdict(list)
+    for observer, word, _ in _clips(scene):
+        if word in words:
+            clips[words[word]].append([observer, word])
+    return {verdict: sorted(each) for verdict, each in clips.items()}
+
+
+def _clips(scene: "Scene") -> Iterator[tuple[str, str, Path]]:
+    """The clips on this machine: of which observer, of which verdict, and where."""
+    folders = {scene.place(each.clips.folder) for each in scene.observers.values() if each.clips.folder}
+    for folder in folders:
+        try:
+            paths = sorted(folder.iterdir())
+        except OSError:
+            # Of an observer on another machine, or that has kept none yet.
+            continue
+        for path in paths:
+            parts = clip_parts(path.name)
+            if parts is not None and parts[0] in scene.observers:
+                yield parts[0], parts[2], path
 
 
 def _query(given: Mapping[str, str]) -> HistoryQuery:

@@ -131,7 +131,8 @@ def serve_scene(
             thread = threading.Thread(target=listen_to_mesh, name="mesh")
             thread.start()
             try:
-                history = history_routes(scene, access.teaches, has_right(scene, "history"))
+                rights = has_right(scene, "history"), has_right(scene, "pictures")
+                history = history_routes(scene, access.teaches, *rights)
                 app = application(
                     access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, history
                 )

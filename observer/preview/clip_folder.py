@@ -1,21 +1,15 @@
 """The folder of an observer's clips: their names, and which of them are deleted."""
 
 import os
-import re
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
 from common import SECOND_NS
+from common.clip_name import clip_parts, safe_word
 from observer.files import remove_file, write_file
 
 DAY_NS = 86_400 * SECOND_NS
 MB = 1_000_000
-NAME = re.compile(r"\d{8}T\d{6}Z_[a-z0-9_-]+_[\w-]+_[\w-]+\.avi\Z")
-"""Files with another name are never deleted."""
-UNSAFE = re.compile(r"[^A-Za-z0-9-]+")
-LONGEST = 64
-"""Characters of a label or an id in a name: both come from peers."""
 WAY_OUT = "Free space, or lower clips.keep_mb"
 
 
@@ -58,25 +52,15 @@ class ClipFolder:
     def _clips(self) -> list[tuple[int, Path, int]]:
         if not self.path.is_dir():
             return []
-        files = [path for path in self.path.iterdir() if NAME.match(path.name)]
+        files = [path for path in self.path.iterdir() if clip_parts(path.name)]
         # Another observer may delete one at this moment.
         return [(status.st_mtime_ns, path, status.st_size) for path in files if (status := _status(path))]
 
 
-def clip_name(at_ns: int, observer: str, label: str, verdict_id: str) -> str:
-    """`20261122T145721Z_sofa_wave_f3a1-17.avi`: when it was decided (UTC), the observer, the label, the verdict."""
-    moment = datetime.fromtimestamp(at_ns / SECOND_NS, UTC)
-    return "_".join([f"{moment:%Y%m%dT%H%M%SZ}", observer, _safe(label), _safe(verdict_id)]) + ".avi"
-
-
-def _safe(word: str) -> str:
-    return UNSAFE.sub("-", word)[:LONGEST] or "-"
-
-
 def _is_of(path: Path, observer: str, label: str) -> bool:
-    """Whether a clip is of the observer, and of the label unless that is ""; an observer's id may hold underscores."""
-    begin, of_label, _ = path.name.rsplit("_", 2)
-    return begin.split("_", 1)[1] == observer and (not label or of_label == _safe(label))
+    """Whether a clip is of the observer, and of the label unless that is ""."""
+    parts = clip_parts(path.name)
+    return parts is not None and parts[0] == observer and (not label or parts[1] == safe_word(label))
 
 
 def _status(path: Path) -> os.stat_result | None:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from common import SECOND_NS
+from common.clip_name import clip_name
 from common.errors import LabanmeshError, reason_of
 from common.inbox import Inbox
 from common.judging_services import JudgingServices
@@ -21,7 +22,7 @@ from common.same_movement import SameMovement
 from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import BadMessage, decode_from
-from observer.preview.clip_folder import ClipFolder, clip_name
+from observer.preview.clip_folder import ClipFolder
 from observer.preview.motion_jpeg import motion_jpeg
 from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
 

@@ -3,7 +3,7 @@ import { $, draw, hide, make, put, stored } from "./elements.js";
 import { age, agree, clock, count, percent, words } from "./words.js";
 
 const MINUTE_MS = 60000, PAGE = 200, AGAIN_MS = 10000;
-const shown = { rows: [], remembered: 0, number: PAGE };
+const shown = { rows: [], remembered: 0, clips: {}, number: PAGE };
 const twoDigits = (number) => String(number).padStart(2, "0");
 const written = (day) => `${day.getFullYear()}-${twoDigits(day.getMonth() + 1)}-${twoDigits(day.getDate())}`;
 
@@ -23,6 +23,7 @@ async function load() {
     document.title = `${whole.scene}: ${$("date").value}`;
     shown.rows = whole.rows.map((row) => Object.fromEntries(row.map((value, n) => [whole.fields[n], value])));
     shown.remembered = whole.remembered;
+    shown.clips = whole.clips;
     layLabels(whole.labels);
     show();
   } catch { put($("sum"), "The dashboard does not answer."); }
@@ -55,6 +56,12 @@ function line(row) {
   const sure = row.p === null ? [] : [make("span", "quiet", ` ${percent(row.p)}`)];
   const acts = cell("acts"), ago = Date.now() - row.began;
   node.classList.toggle("abstain", row.label === "abstain");
+  for (const [observer, word] of shown.clips[row.id] || []) {
+    const clip = make("a", "wrong", shown.clips[row.id].length > 1 ? `Clip ${observer}` : "Clip");
+    clip.href = `history/clip/${encodeURIComponent(observer)}/${encodeURIComponent(word)}`;
+    clip.download = "";
+    acts.append(clip, " ");
+  }
   if (row.kind === "verdict" && ago >= 0 && ago < shown.remembered) {
     const wrong = make("a", "wrong", "Wrong?");
     wrong.href = `teach?wrong=${encodeURIComponent(row.id)}`;

@@ -6,6 +6,7 @@ import httpx
 import pytest
 
 from common import SECOND_NS
+from common.clip_name import clip_name
 from common.config import read_scene
 from common.teaching_messages import Unwanted
 from hub.dashboard.access import AccessControl
@@ -36,9 +37,11 @@ def scene(tmp_path):
     return scene
 
 
-def got(scene, path, token=None, allowed=True, given=None, teaches=True):
+def got(scene, path, token=None, allowed=True, given=None, teaches=True, shows_clips=True):
     async def ask():
-        app = application(AccessControl(token), None, lambda: False, history=history_routes(scene, teaches, allowed))
+        app = application(
+            AccessControl(token), None, lambda: False, history=history_routes(scene, teaches, allowed, shows_clips)
+        )
         headers = {"authorization": f"Bearer {given}"} if given else {}
         transport = httpx.ASGITransport(app)
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
@@ -73,6 +76,23 @@ def test_the_token_and_the_right_guard_the_history(scene):
     answer = got(scene, "/history/data", allowed=False)
     assert answer.status_code == 403 and "secure add" in answer.text
     assert got(scene, "/history/data").headers["cache-control"] == "no-store"
+
+
+def test_clips_on_this_machine_are_offered_with_the_right_to_pictures(scene, tmp_path):
+    folder = tmp_path / "clips"
+    folder.mkdir()
+    name = clip_name(NOON_MS * 10**6, "cam1", "wave", "v0")
+    (folder / name).write_bytes(b"film")
+    (folder / "secret.txt").write_text("no clip")
+    scene = scene_of(tmp_path, '[observers.cam1.clips]\nfolder = "clips"\n[history]\nfile = "h.db"\n')
+    assert got(scene, "/history/data").json()["clips"] == {"v0": [["cam1", "v0"]]}
+    answer = got(scene, "/history/clip/cam1/v0")
+    assert answer.content == b"film" and name in answer.headers["content-disposition"]
+    for wrong in ("cam1/v1", "cam2/v0", "cam1/..%2Fsecret.txt", "cam1/secret.txt"):
+        assert got(scene, f"/history/clip/{wrong}").status_code == 404
+    assert got(scene, "/history/clip/cam1/v0", TOKEN).status_code == 401
+    assert got(scene, "/history/clip/cam1/v0", shows_clips=False).status_code == 404
+    assert got(scene, "/history/data", shows_clips=False).json()["clips"] == {}
 
 
 def test_what_cannot_be_read_is_one_line(scene, tmp_path):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from common import SECOND_NS
+from common.clip_name import clip_name
 from common.errors import LabanmeshError
 from common.inbox import Inbox
 from common.keys import SceneKeys
@@ -18,7 +19,7 @@ from common.vocabulary import Vocabulary
 from common.wire import encode
 from observer.camera.files import Video
 from observer.preview import clip_folder
-from observer.preview.clip_folder import DAY_NS, MB, ClipFolder, clip_name
+from observer.preview.clip_folder import DAY_NS, MB, ClipFolder
 from observer.preview.clips import PENDING_LIMIT, VerdictClips
 from observer.preview.motion_jpeg import motion_jpeg
 from observer.preview.shown_pictures import PicturedObserver
