@@ -121,17 +121,26 @@ class PostureReader:
 
     body_parts: names of the P parts, at least two. max_speed: the largest speed that counts, in body sizes per 1/15 s,
     and the length of a full direction; it sets the weight of motion relative to position. hands_weight: weight of the
-    distance between the hands relative to their positions, as an exponent of its evidence. Raises BadInput for a
-    single part.
+    distance between the hands relative to their positions, as an exponent of its evidence. parts: the names of those
+    that are read, in the order of body_parts; None: all. Raises BadInput for a single part.
     """
 
-    def __init__(self, body_parts: Sequence[str], rate_hz: float, max_speed: float, hands_weight: float = 0.0) -> None:
+    def __init__(
+        self,
+        body_parts: Sequence[str],
+        rate_hz: float,
+        max_speed: float,
+        hands_weight: float = 0.0,
+        parts: Sequence[str] | None = None,
+    ) -> None:
         self._hands_scale = math.sqrt(hands_weight)
+        parts = body_parts if parts is None else parts
+        self._rows = np.array([list(body_parts).index(part) for part in parts])
         hands = ("left_hand", "right_hand")
-        self._hands = [list(body_parts).index(hand) for hand in hands if hand in body_parts]
+        self._hands = [list(parts).index(hand) for hand in hands if hand in parts]
         self._rate_hz, self._max_speed = rate_hz, max_speed
         self._frame = BodyFrame(body_parts, rate_hz)
-        self._last: Floats = np.full((len(body_parts), 2), np.nan)
+        self._last: Floats = np.full((len(parts), 2), np.nan)
 
     @property
     def still(self) -> float:
@@ -139,7 +148,8 @@ class PostureReader:
         return self._frame.still
 
     def update(self, tracks: Tracks) -> Floats:
-        """(P * 5 + 2,) features in body sizes; NaN for a part not seen, now or, for motion, in the previous frame.
+        """(P * 5 + 2,) features of the P parts that are read, in body sizes; NaN for a part not seen, now or, for
+        motion, in the previous frame.
 
         In the first frame all features of motion are NaN.
         """
@@ -147,12 +157,13 @@ class PostureReader:
 
     def read(self, tracks: Tracks, origin: Floats, size: float) -> Floats:
         """As `update`, with the origin (2,) and the size of a body frame that the caller has updated."""
-        features = np.full(FEATURES_PER_PART * len(tracks.centres) + HANDS_FEATURES, np.nan)
+        centres = tracks.centres[self._rows]
+        features = np.full(FEATURES_PER_PART * len(centres) + HANDS_FEATURES, np.nan)
         of_parts = features[:-HANDS_FEATURES].reshape(-1, FEATURES_PER_PART)
         scale = UP / size
-        of_parts[:, :2] = (tracks.centres - origin) * scale
-        velocity = (tracks.centres - self._last) * (scale * (self._rate_hz / REFERENCE_HZ))
-        self._last = tracks.centres.copy()
+        of_parts[:, :2] = (centres - origin) * scale
+        velocity = (centres - self._last) * (scale * (self._rate_hz / REFERENCE_HZ))
+        self._last = centres
         of_parts[:, 2:] = soft_direction(velocity, self._max_speed)
         if len(self._hands) == 2:
             left, right = self._hands

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from observer.body import TRUNK
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, with_defaults
@@ -28,6 +29,8 @@ from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILI
 from observer.tracks import Floats, Tracks
 
 FEWEST_PHASES = 8
+USUAL_PARTS = 3
+"""The parts for which `sharpness` was chosen: hands and head."""
 
 
 class Phase:
@@ -57,6 +60,8 @@ class Phase:
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
         self._share = REFERENCE_HZ / header.rate_hz
+        # Parts of one body move together: the evidence of four times as many counts as that of twice as many.
+        self._shared = (USUAL_PARTS / len(parts_read(header.body_parts))) ** 0.5
         self._cell_of = movement_of * self.facings + facing_of
         self._postures = Postures(chains.transpose(1, 2, 0))
         # A person at rest stands as people stood before and after their movements, without moving.
@@ -92,7 +97,7 @@ class Phase:
         chains = np.asarray(arrays["chains"], np.float32)
         movement_of = np.asarray(arrays["movement_of"], np.int64)
         facing_of = np.asarray(arrays["facing_of"], np.int64)
-        features = 5 * len(header.body_parts) + 2
+        features = 5 * len(parts_read(header.body_parts)) + 2
         if chains.ndim != 3 or chains.shape[2] != features or 0 in chains.shape:
             raise ValueError(f"chains have shape {chains.shape}, (C, Φ, {features}) is expected")
         if movement_of.shape != chains.shape[:1] or facing_of.shape != chains.shape[:1]:
@@ -125,7 +130,7 @@ class Phase:
         """(D,) features, NaN where not seen -> their likelihood for every chain, phase and rest."""
         parameters = self.header.parameters
         # At twice the frame rate, the evidence of one frame is spread over two.
-        sharpness, outlier = parameters["sharpness"] * self._share, parameters["outlier"] * self._share
+        sharpness, outlier = parameters["sharpness"] * self._share * self._shared, parameters["outlier"] * self._share
         return PostureEvidence(live_postures, self._at_rest, features, sharpness, outlier)
 
 
@@ -166,4 +171,15 @@ class PhaseWatch(Watch):
 
 def posture_reader(header: Header) -> PostureReader:
     """The reader of the features, with the model's parameters."""
-    return PostureReader(header.body_parts, header.rate_hz, header.parameters["fast"], header.parameters["apart"])
+    parameters, parts = header.parameters, parts_read(header.body_parts)
+    return PostureReader(header.body_parts, header.rate_hz, parameters["fast"], parameters["apart"], parts)
+
+
+def parts_read(body_parts: Sequence[str]) -> tuple[str, ...]:
+    """The head and the limbs, in the same order; all parts where only the trunk is left.
+
+    Beside them a shoulder, the neck or a hip shows how a person is built, and that is no movement.
+    """
+    trunk = {part for point in TRUNK for part in point if part != "head"}
+    limbs = tuple(part for part in body_parts if part not in trunk)
+    return limbs if len(limbs) > 1 else tuple(body_parts)

@@ -56,6 +56,16 @@ def oracle(centres, rate_hz=RATE):
     return np.array(rows)
 
 
+def test_the_parts_that_are_read_are_relative_to_the_whole_body():
+    parts, rng = (*BODY_PARTS, "neck", "left_foot"), np.random.default_rng(0)
+    tracks = [Tracks(rng.normal(0, 100, (5, 2))) for _ in range(8)]
+    whole = PostureReader(parts, RATE, FAST, WEIGHT)
+    some = PostureReader(parts, RATE, FAST, WEIGHT, ("left_hand", "right_hand", "head", "left_foot"))
+    of_all, of_some = (np.array([reader.update(frame) for frame in tracks]) for reader in (whole, some))
+    assert of_parts(of_some) == pytest.approx(of_parts(of_all)[:, [0, 1, 2, 4]], nan_ok=True)
+    assert of_some[:, -HANDS_FEATURES:] == pytest.approx(of_all[:, -HANDS_FEATURES:], nan_ok=True)
+
+
 def test_by_hand():
     centres = [[[0, 100], [100, 0], [0, 0]], [[0, 82], [100, 0], [0, 0]], [[0, 82], GONE, [0, 0]]]
     features = of_parts(read(centres))

@@ -10,8 +10,9 @@ from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.chain_dynamics import ENTRY, step_probabilities
+from observer.model.phase import parts_read
 from observer.motion.projected import view_tracks
-from observer.tracks import BODY_PARTS
+from observer.tracks import BODY_PARTS, WHOLE_BODY
 from studies.performer import perform
 
 WORDS = Vocabulary(("ok", "shake", "byebye"))
@@ -42,6 +43,19 @@ def test_the_posterior_is_that_of_the_phase_filter():
         after = [max(last[answer_of == a].mean(), rest) for a in range(3)]
         oracle.step(log, float(np.log(rest)), np.log(after), reader.still)
         assert watch.p == pytest.approx(oracle.p, abs=1e-3) and watch.unlearned is None
+
+
+@pytest.mark.parametrize(
+    ("parts", "read"),
+    [
+        (BODY_PARTS, BODY_PARTS),
+        (WHOLE_BODY, (*BODY_PARTS, "left_elbow", "right_elbow", "left_knee", "right_knee", "left_foot", "right_foot")),
+        (("neck", "pelvis", "left_hip"), ("neck", "pelvis", "left_hip")),
+        (("tail", "neck", "paw"), ("tail", "paw")),
+    ],
+)
+def test_it_reads_the_head_and_the_limbs(parts, read):
+    assert parts_read(parts) == read
 
 
 def squared(features, postures):
