@@ -91,13 +91,18 @@ class Phase:
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64; ValueError if they do not fit."""
+        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64; ValueError if they do not fit.
+
+        KeyError for the chains of an earlier version, which read all parts.
+        """
         if header.background is not None:
             raise BadInput("a phase model with a background, which this version does not have")
         chains = np.asarray(arrays["chains"], np.float32)
         movement_of = np.asarray(arrays["movement_of"], np.int64)
         facing_of = np.asarray(arrays["facing_of"], np.int64)
         features = 5 * len(parts_read(header.body_parts)) + 2
+        if chains.ndim == 3 and chains.shape[2] == 5 * len(header.body_parts) + 2 > features:
+            raise KeyError("chains of the head and the limbs alone")
         if chains.ndim != 3 or chains.shape[2] != features or 0 in chains.shape:
             raise ValueError(f"chains have shape {chains.shape}, (C, Φ, {features}) is expected")
         if movement_of.shape != chains.shape[:1] or facing_of.shape != chains.shape[:1]:

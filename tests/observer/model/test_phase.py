@@ -8,9 +8,9 @@ from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.learn import learn_view
-from observer.model.base import Onset
+from observer.model.base import Header, Onset, with_defaults
 from observer.model.chain_dynamics import ENTRY, step_probabilities
-from observer.model.phase import parts_read
+from observer.model.phase import Phase, parts_read
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, WHOLE_BODY
 from studies.performer import perform
@@ -56,6 +56,23 @@ def test_the_posterior_is_that_of_the_phase_filter():
 )
 def test_it_reads_the_head_and_the_limbs(parts, read):
     assert parts_read(parts) == read
+
+
+def test_the_chains_of_all_parts_are_of_another_version():
+    header = Header("phase", WORDS, "door", DOOR.matrix, 15.0, WHOLE_BODY, {}, {})
+    movement, facing = np.arange(3), np.zeros(3, np.int64)
+
+    def read(parts):
+        return Phase.from_arrays(
+            with_defaults(header, Phase.PARAMETERS),
+            {"chains": np.zeros((3, 8, 5 * parts + 2), np.float32), "movement_of": movement, "facing_of": facing},
+        )
+
+    assert read(len(parts_read(WHOLE_BODY))).header.body_parts == WHOLE_BODY
+    with pytest.raises(KeyError, match="limbs"):
+        read(len(WHOLE_BODY))
+    with pytest.raises(ValueError, match="chains"):
+        read(7)
 
 
 def squared(features, postures):
