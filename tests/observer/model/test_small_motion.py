@@ -44,9 +44,9 @@ def test_a_person_who_holds_any_posture_does_something_else(people, model, share
     centres, rate = centres_of(people), round(model.header.rate_hz)
     held = np.repeat(centres[round(share * (len(centres) - 1))][None], 3 * rate, axis=0)
     standing = something_else(model, held)
-    assert standing.min() > 0.85 and standing[rate // 3 :].min() > 0.9
+    assert standing.min() > 0.8 and standing[rate // 3 :].min() > 0.9
     stopped = np.concatenate([centres[: round(share * len(centres))], held])
-    assert something_else(model, stopped)[-rate:].min() > 0.65
+    assert something_else(model, stopped)[-rate:].min() > 0.6
     watch = model.watch(Onset())
     for frame in stopped:
         watch.update(Tracks(frame))
@@ -58,7 +58,7 @@ def test_a_shift_of_weight_is_something_else(people, model):
     shown = np.repeat(centres[:1], 4 * rate, axis=0)
     size = np.ptp(centres[0], axis=0).max()
     shown[..., 0] += 0.4 * size * np.sin(2 * np.pi * 0.5 * np.arange(len(shown)) / rate)[:, None]
-    assert something_else(model, shown).min() > 0.7
+    assert something_else(model, shown).min() > 0.65
 
 
 def test_movements_are_large_enough(people, model):
