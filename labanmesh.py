@@ -50,9 +50,7 @@ VERBS = {
     "up": Verb("deploy.commands", "up", "start and supervise all processes of a scene file"),
     "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
     "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),
-    "doctor": Verb(
-        "deploy.doctor.commands", "doctor", "find what is wrong with this machine, the scene file and the mesh"
-    ),
+    "doctor": Verb("deploy.doctor.commands", "doctor", "find what is wrong with the machine, the scene and the mesh"),
     "healthcheck": Verb("hub.healthcheck", "healthcheck", "check that a process is alive and ready, for containers"),
     "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
     "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
@@ -73,9 +71,7 @@ VERBS = {
     "place": Verb(
         "observer.recording.commands", "place", "find where a person stands and faces, for models of camera files"
     ),
-    "learn": Verb(
-        "observer.learning.commands", "learn", "learn one observer's model for its view from a motion archive"
-    ),
+    "learn": Verb("observer.learning.commands", "learn", "learn an observer's model for its view from recordings"),
     "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
     "paper": Verb("studies.commands", "paper", "repeat the paper's three experiments beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
