@@ -54,12 +54,12 @@ class _Judged:
         return self.scores[view].score or 0.0
 
 
-def scores(exercises: int = 10, first: int = 0) -> None:
+def scores(exercises: int = 10, first: int = 0, remarks: bool = True) -> None:
     """Print how well scores tell correct from incorrect repetitions, and how often remarks name the bent limb.
 
-    LABANMESH_DATA names the folder of recordings.
+    LABANMESH_DATA names the folder of recordings. remarks: try them too, which takes as long again.
 
-    Example: python -m benchmarks.scores --exercises 2
+    Example: python -m benchmarks.scores --exercises 2 --no-remarks
     """
     archive = read_archive(recordings_folder() / "ui_prmd" / "repetitions.npz")
     parts, labels = archive.body_parts, sorted({each.label for each in archive.recordings})[first : first + exercises]
@@ -79,9 +79,13 @@ def scores(exercises: int = 10, first: int = 0) -> None:
                 }
                 performed = [each for each in own if each.subject == person]
                 judged += [_Judged(label, _is_correct(each), _scores(known, each, parts)) for each in performed]
+                if not remarks:
+                    continue
                 _remark("of others", known, [e for e in performed if _is_correct(e)][:1], parts, remarked)
                 _remark_by_own(performed, parts, remarked)
-    print("\n".join([*_by_exercise(judged, labels), "", *_together(judged), "", *_remarks(remarked)]))
+    print(
+        "\n".join([*_by_exercise(judged, labels), "", *_together(judged), "", *(_remarks(remarked) if remarks else ())])
+    )
 
 
 def _is_correct(recording: Recording) -> bool:
