@@ -83,7 +83,7 @@ class PhoneServer:
         async with serve(
             self._phone, sock=port, ssl=context, process_request=self._request, open_timeout=FIRST_S, close_timeout=1.0,
             ping_interval=None, server_header=None, logger=QUIET, compression=None, max_size=MESSAGE_LIMIT, max_queue=4,
-            write_limit=WRITE_LIMIT,
+            write_limit=WRITE_LIMIT, ssl_handshake_timeout=None if context is None else FIRST_S,
         ):  # fmt: skip
             watching = asyncio.create_task(self._watch_revoked())
             await ended.wait()

@@ -94,6 +94,9 @@ def test_cameras_can_be_named_and_films_begin_anew(tmp_path, monkeypatch, capsys
     # An address may hold a password.
     assert (tmp_path / "rooms" / "s.toml").stat().st_mode & 0o077 == 0
     assert "labanmesh teach" in (output := capsys.readouterr().out) and "--up" in output and "webcam" not in output
+    init(tmp_path / "phone.toml", ["phone"])
+    assert "labanmesh phone" in capsys.readouterr().out
+    assert read_scene(tmp_path / "phone.toml", {}).observers["cam1"].source == "phone"
     for wrong in (" ", "wave.mp5"):
         with pytest.raises(BadInput, match=f"--source '?{wrong}"):
             init(tmp_path / "other.toml", [wrong])
