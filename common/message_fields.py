@@ -14,7 +14,7 @@ SHORT_VOTE_OPTIONAL = (
 )  # fmt: skip
 """The fields that a short vote has unless they are null; five others it always has."""
 SELDOM_SENT = (
-    "rest_reliability", "label_reliability", "freshness", "repetitions", "shortest_s", "rest_s", "period_s",
+    "rest_reliability", "label_reliability", "freshness", "repetitions", "repeated", "shortest_s", "rest_s", "period_s",
 )  # fmt: skip
 """Fields of a full vote, and of a movement's durations, that are left out where they are null."""
 

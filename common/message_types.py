@@ -97,6 +97,13 @@ def require_table(surprise: Sequence[Sequence[int]]) -> None:
         raise ValueError(f"surprise has rows of different lengths, or not 1 to {FACINGS_LIMIT} facings")
 
 
+class VotedRepeated(MessagePart):
+    """More about a vote's repetitions: how many are partial, and their swing in body sizes."""
+
+    partial: Repetitions = 0.0
+    swing: Annotated[FiniteFloat, Field(ge=0)] = 0.0
+
+
 class VotedFacing(MessagePart):
     """The facing of an observer's posterior (common/posterior.py), in its vote."""
 

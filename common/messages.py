@@ -29,6 +29,7 @@ from common.message_types import (
     ShortText,
     Time,
     VotedFacing,
+    VotedRepeated,
     p_of_roots,
 )  # fmt: skip
 from common.message_types import MessagePart as MessagePart
@@ -68,8 +69,9 @@ class Vote(MessagePart):
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`:
     its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
     ahead of ours, by which `age_s` is corrected; `reliability`: learned; `rest_reliability`, `label_reliability`:
-    lately, if doubted; `doubles`: correlated observers; `freshness`: what is left of a stale posterior; `repetitions`:
-    as in its posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles`, `freshness`.
+    lately, if doubted; `doubles`: correlated observers; `freshness`: what is left of a stale posterior; `repetitions`,
+    `repeated`: as in its posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles`,
+    `freshness`, `repeated`.
     """
 
     label: Label | None
@@ -90,6 +92,7 @@ class Vote(MessagePart):
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
     freshness: Probability | None = None
     repetitions: Repetitions | None = None
+    repeated: VotedRepeated | None = None
 
     @model_validator(mode="after")
     def _with_p(self) -> "Vote":

@@ -51,6 +51,7 @@ OPTIONAL_DETAIL = (
     ("facing",),
     ("facets",),
     ("why",),
+    ("votes", "repeated"),
     ("votes", "repetitions"),
     ("movements",),
     ("leans_on",),

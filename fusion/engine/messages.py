@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from common.message_types import VotedFacing, unchecked
+from common.message_types import VotedFacing, VotedRepeated, unchecked
 from common.messages import (
     SCHEMA_VERSION,
     Agreement,
@@ -22,6 +22,7 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
+from common.posterior import Repeated
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
 from fusion.engine.guarded_product import TINY
@@ -219,8 +220,13 @@ def _vote(
         "root_p": roots if is_used else None,
         "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,
         "repetitions": posterior.repetitions if is_used else None,
+        "repeated": _voted_repeated(posterior.repeated) if is_used and posterior.repeated is not None else None,
     }
     return unchecked(Vote, fields)
+
+
+def _voted_repeated(repeated: Repeated) -> VotedRepeated:
+    return unchecked(VotedRepeated, {"partial": repeated.partial, "swing": repeated.swing})
 
 
 def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:

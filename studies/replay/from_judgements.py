@@ -15,6 +15,7 @@ import numpy as np
 from common.errors import BadInput, LabanmeshError
 from common.fusion_rules import DEFAULT_RULE, RETIRED_RULES, rule_name
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage, Vote
+from common.posterior import Repeated
 from common.probability import Floats, uniform
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -205,6 +206,9 @@ def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[s
         {other: share for other, share in (vote.doubles or {}).items() if other in remaining},
         1.0 if vote.freshness is None else vote.freshness,
         vote.repetitions,
+        repeated=None
+        if (repeated := vote.repeated) is None
+        else Repeated(partial=repeated.partial, swing=repeated.swing),
     )
 
 

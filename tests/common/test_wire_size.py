@@ -13,7 +13,7 @@ from common import wire
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.facets import FACETS
-from common.message_types import VotedFacing, p_of_roots
+from common.message_types import VotedFacing, VotedRepeated, p_of_roots
 from common.messages import (
     Contribution,
     Facing,
@@ -44,6 +44,7 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
         rest_reliability=0.5,
         label_reliability=0.5,
         repetitions=2.5,
+        repeated=VotedRepeated(partial=0.5, swing=1.0),
     )
     contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
     elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("leans_on",), ("observers",), ("movements",)
