@@ -73,11 +73,13 @@ def part_of(part: MessagePart) -> dict[str, Any]:
 
 
 def leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:
-    """Remove a detail from `fields`; whether it was there. A vote keeps its fields: they become null."""
+    """Remove a detail from `fields`; whether it was there. A vote keeps it as null, unless it is seldom sent."""
     name, *inner = detail
     if not inner:
         return fields.pop(name, None) is not None
     parts = [part for part in fields.get(name, {}).values() if part.get(inner[0]) is not None]
     for part in parts:
         part[inner[0]] = None
+        if inner[0] in SELDOM_SENT:
+            del part[inner[0]]
     return bool(parts)

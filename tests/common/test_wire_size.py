@@ -50,7 +50,7 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
     elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("leans_on",), ("observers",), ("movements",)
     detail = [d for d in OPTIONAL_DETAIL if d not in elsewhere]
     steps = set()
-    for size in range(1000, 6900, 100):
+    for size in range(500, 6900, 100):
         message = verdict(
             p=[1 / size] * size, facets=facets, contributions=contributions, votes=dict.fromkeys(others, entry)
         )
