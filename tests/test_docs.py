@@ -242,6 +242,11 @@ def test_the_schemas_are_those_of_the_models(kind):
     )
 
 
+def test_the_schema_of_the_scene_file_is_that_of_its_model():
+    schema = json.loads((REFERENCE / "schema" / "scene.json").read_text("utf-8"))
+    assert schema == json.loads(json.dumps(Scene.model_json_schema())), "out of date; scene.md has the command"
+
+
 def fields_in(text):
     rows = table_rows(text)
     start = next(n for n, row in enumerate(rows) if row[0] == "field")
