@@ -17,8 +17,8 @@ from observer.score.references import JudgeScore, ReferenceTakes
 from observer.tracks import Floats
 from studies.scoring.judging import (
     SeenPerformance,
+    agreed_remarks,
     learned_references,
-    pooled_remarks,
     references_of,
     shown_takes,
 )
@@ -115,11 +115,10 @@ def _remark(
 ) -> None:
     """Note whether unchanged takes have no remark, and whether the first remark names the limb of a bent joint."""
     for take in takes[:PER_PERSON]:
-        told = bool(pooled_remarks(_scores(known, take, parts)))
+        told = bool(agreed_remarks(_scores(known, take, parts)))
         remarked.setdefault(f"{name}, unchanged", []).append((not told, told))
         for joint in joints_of(parts):
-            changed = _scores(known, bent(take, joint.name, parts), parts)
-            remarks = pooled_remarks(changed)
+            remarks = agreed_remarks(_scores(known, bent(take, joint.name, parts), parts))
             right = bool(remarks) and remarks[0].limb == joint.limb
             remarked.setdefault(f"{name}, {joint.name.split()[1]}", []).append((right, bool(remarks)))
 

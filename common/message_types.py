@@ -72,6 +72,7 @@ Bits = Annotated[FiniteFloat, Field(ge=-ROUND_OFF, json_schema_extra={"minimum":
 Seconds = Annotated[FiniteFloat, Field(gt=0, le=86_400)]
 Repetitions = Annotated[FiniteFloat, Field(ge=0)]
 """Periods of a periodic movement; the one in progress counts in part."""
+Score = Annotated[FiniteFloat, Field(ge=0, le=10)]
 Roots = list[Annotated[int, Field(ge=0, le=ROOT_LIMIT)]]
 """A distribution in one byte for each value, two for those over .25 (`common.probability.roots_of`)."""
 

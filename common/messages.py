@@ -26,6 +26,7 @@ from common.message_types import (
     Probability,
     Repetitions,
     Roots,
+    Score,
     ShortText,
     Time,
     VotedFacing,
@@ -36,6 +37,7 @@ from common.message_types import MessagePart as MessagePart
 from common.posterior import Facing as Facing
 from common.posterior import PosteriorMessage as PosteriorMessage
 from common.posterior import VocabularyHash as VocabularyHash
+from common.score import REMARK_LIMIT, REMARKS_LIMIT
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
@@ -182,6 +184,7 @@ class VerdictMessage(JudgementMessage):
     movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or stale;
     those of an abstention are to the label that was most probable. `facets` and `repetitions` are those at the end of
     the movement, once it is known. `same_as`: the movement's other id, after a split network (docs/reference/wire.md).
+    `score`, 0 to 10, `scores` by observer, `remarks` in words: of an ended movement that observers can score.
     """
 
     id: Id
@@ -192,6 +195,11 @@ class VerdictMessage(JudgementMessage):
     revises: Label | None = None
     same_as: Id | None = None
     contributions: dict[Id, Contribution] | None = None
+    score: Score | None = None
+    scores: dict[Id, Score] | None = None
+    remarks: list[Annotated[str, Field(max_length=REMARK_LIMIT), Printable]] | None = Field(
+        default=None, max_length=REMARKS_LIMIT
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -24,6 +24,7 @@ from common.message_types import (
     TEXT_LIMIT,
     require_table,
 )
+from common.score import ObservedScore as ObservedScore
 from common.text import printable
 
 SUM_TOLERANCE = 1e-3
@@ -93,7 +94,8 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
 
     `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
     `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic;
-    `repeated` says more about them. In version 2 `scene` and `observer` may be omitted, because the key carries them.
+    `repeated` says more about them. `score`: how well the movement before the present rest was done, if its label has
+    reference takes. In version 2 `scene` and `observer` may be omitted, because the key carries them.
 
     Raises ValueError for what is no distribution.
     """
@@ -117,6 +119,7 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
     facets: dict[str, Probabilities] | None = None
     repetitions: Annotated[float, Meta(ge=0)] | None = None
     repeated: Repeated | None = None
+    score: ObservedScore | None = None
 
     def __post_init__(self) -> None:
         if self.v == 1 and (self.scene is None or self.observer is None):

@@ -4,10 +4,15 @@ World Karate Federation, Kata competition rules (2019 to 2023): of seven judges 
 criterion were removed. Here one of each, of four judges and more; fewer are averaged (docs/design/score.md).
 """
 
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from itertools import chain
+from typing import NamedTuple, Protocol, TypeVar
+
+from common.score import REMARKS_LIMIT
 
 LEAST_DROPPED = 4
+SAME = 1.5
+"""Remarks of two judges on one joint are one; it is as strong as its largest, times this for each further judge."""
 
 
 class JudgedScore(NamedTuple):
@@ -32,3 +37,29 @@ def kept_judges(scores: Mapping[str, JudgedScore]) -> list[str]:
     """Those whose scores are averaged; of equal scores the earlier name is dropped first."""
     ordered = sorted(scores, key=lambda name: (scores[name].score, name))
     return sorted(ordered[1:-1] if len(ordered) >= LEAST_DROPPED else ordered)
+
+
+class JudgedRemark(Protocol):
+    """One judge's remark on a joint, and how strong it is."""
+
+    @property
+    def joint(self) -> str:
+        """`left knee`."""
+
+    @property
+    def strength(self) -> float:
+        """1 is just worth a remark."""
+
+
+R = TypeVar("R", bound=JudgedRemark)
+
+
+def pooled_remarks(of_judges: Sequence[Sequence[R]]) -> list[R]:
+    """The strongest remarks, one for each joint that half of the judges remark: what more of them see stands first."""
+    of_joint: dict[str, list[R]] = {}
+    for remark in chain.from_iterable(of_judges):
+        of_joint.setdefault(remark.joint, []).append(remark)
+    agreed = [own for own in of_joint.values() if 2 * len(own) >= len(of_judges)]
+    strongest = [(max(own, key=lambda each: each.strength), len(own)) for own in agreed]
+    strongest.sort(key=lambda pair: -pair[0].strength * SAME ** (pair[1] - 1))
+    return [remark for remark, _ in strongest[:REMARKS_LIMIT]]

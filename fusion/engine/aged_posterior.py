@@ -14,6 +14,7 @@ import numpy as np
 from common.messages import PosteriorMessage, VoteState
 from common.posterior import Repeated
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
+from common.score import ObservedScore
 from fusion.engine.trust import HONEST, information_of
 
 POOLED_STATES = ("counted", "stale")
@@ -47,6 +48,7 @@ class AgedPosterior:
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
     labels and its course (trust.py). correlations: with other observers, learned from verdicts (trust.py).
     freshness: k of rules 3 and 7, 0 to 1. repetitions, repeated: as published. answers: `answers_of` it, if known.
+    score: as published, by our clock.
     """
 
     observer: str
@@ -64,6 +66,7 @@ class AgedPosterior:
     repetitions: float | None = None
     answers: Floats | None = None
     repeated: Repeated | None = None
+    score: ObservedScore | None = None
 
     @property
     def information(self) -> float:
@@ -79,12 +82,12 @@ class AgedPosterior:
 class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
-    p, answers, rest, surprise, facets: as in AgedPosterior while fresh. steady: P(honest) on the time channel; stays:
-    of its labels, by what it says after decisions (trust.py). session_ns: when its session began here. captured_ns,
-    received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part. fault: the vote
-    state after an unusable message; None after a usable one. gone: the process disappeared after its last usable one.
-    published: the hash of the vocabulary of its newest message, usable or not, and when that arrived; None without one,
-    or if the process disappeared since. All times by our clock, Unix epoch.
+    p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
+    stays: of its labels, by what it says after decisions (trust.py). session_ns: when its session began here.
+    captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part.
+    fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
+    last usable one. published: the hash of the vocabulary of its newest message, usable or not, and when that arrived;
+    None without one, or if the process disappeared since. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
@@ -94,6 +97,7 @@ class RosterEntry:
     rest: float = 1.0
     surprise: Surprise | None = None
     facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
+    score: ObservedScore | None = None
     steady: float = HONEST
     stays: float = HONEST
     session_ns: int = 0

@@ -18,6 +18,7 @@ from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newes
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
+from fusion.engine.scores import with_score
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import (
     MovementDecision,
@@ -200,8 +201,7 @@ class FusionEngine:
         if not isinstance(judgement, VerdictMessage):
             ongoing = judgement.movement
             movement = None if ongoing is None else progress_of(ongoing, counted_in(judgement))
-            outage_ns = None if ongoing is None else ongoing.outage_ns
-            self._segmenter.follow(movement, last_capture_ns(judgement), outage_ns)
+            self._segmenter.follow(movement, last_capture_ns(judgement), None if ongoing is None else ongoing.outage_ns)
             self._keep_bases(self._bases)
             return
         progress = None if judgement.ended_ns is not None else progress_of(judgement, counted_in(judgement))
@@ -237,9 +237,9 @@ class FusionEngine:
         if not decisions and not self._segmenter.basis_times:
             self._bases = NO_BASES
             return []
-        bases, verdicts = {**self._bases, now_ns: basis}, list[VerdictMessage]()
+        bases, verdicts, stamp = {**self._bases, now_ns: basis}, list[VerdictMessage](), self._stamp(now_ns)
         for decision in decisions:
-            verdicts.append(verdict := self._verdict(now_ns, decision, bases, self._stamp(now_ns)))
+            verdicts.append(verdict := with_score(self._verdict(now_ns, decision, bases, stamp), basis.posteriors))
             self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
             # It carries the contributions, which take long to compute, to its next publication.
             bases[verdict.decided_ns] = VerdictBasis(verdict, why=verdict.why)

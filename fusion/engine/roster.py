@@ -107,6 +107,7 @@ class Roster:
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
         state.facets = message.facets or NO_FACETS
+        state.score = message.score and message.score.shifted(captured_ns - message.captured_ns)
         state.gone, state.fault = False, None
         return None
 
@@ -211,6 +212,7 @@ class Roster:
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
             trust, record.correlations, freshness, message.repetitions, state.answers, message.repeated,
+            state.score,
         )  # fmt: skip
         return fresh if freshness == 1.0 else faded(fresh, self.prior)
 

@@ -22,6 +22,7 @@ from observer.learning.descriptions import (
     describe_leaning,
     describe_periods,
     describe_placement,
+    describe_references,
     describe_vocabulary,
 )
 from observer.learning.learn_options import LearnOptions
@@ -54,6 +55,8 @@ def learn(options: LearnOptions) -> None:
     Example: labanmesh learn msr.npz --view cameras/cam1.toml --place 0.2,1.5 --facing -30 -o cam1.model
 
     Example: labanmesh learn msr.npz --scene scene.toml -o models
+
+    Example: labanmesh learn teacher.npz --view yaw:45 --reference 1,2,3,4 -o corner1.model
 
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
@@ -115,6 +118,8 @@ def _require_compatible(options: LearnOptions) -> None:
         raise BadInput("--effort --add-to: only movements can be added; Effort is learned from all examples at once")
     if options.background and edits:
         raise BadInput("--background: only for a new model; --add-to keeps the model's background, --effort needs none")
+    if options.reference and edits:
+        raise BadInput("--reference: only for a new model; --add-to keeps the model's own, --effort needs none")
     if options.parts and edits:
         raise BadInput("--body-parts: only for a new model of movements; omit it")
 
@@ -151,6 +156,7 @@ def _learn_movements(part: _Part) -> str:
     from observer.geometry.views import is_this_camera
     from observer.learning.folds import of_one_person
     from observer.learning.learn import learn_view
+    from observer.learning.references import with_references
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
 
@@ -167,6 +173,8 @@ def _learn_movements(part: _Part) -> str:
         background=source.background,
         placement=sensor.placement,
     )
+    if chosen := split_list("--reference", options.reference):
+        learned = with_references(learned, source.archive, source.view, chosen, sensor.placement)
     write_model(output, learned)
     header, recorded = learned.header, source.archive.body_parts
     lines = [
@@ -178,6 +186,7 @@ def _learn_movements(part: _Part) -> str:
         *describe_leaning(header),
         *describe_periods(header),
         *describe_placement(header, source.archive),
+        *describe_references(header),
     ]
     lines += [describe_background(header)] if header.background is not None else []
     return "\n".join([*lines, *([describe_camera(header, recorded)] if is_this_camera(header.matrix) else [])])

@@ -55,6 +55,15 @@ def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
     ]
 
 
+def describe_references(header: "Header") -> list[str]:
+    """How many takes show how each movement should be done; no line for a model without references."""
+    if not header.references:
+        return []
+    counts = {label: sum(not take.mirrored for take in own.takes) for label, own in header.references.items()}
+    own = ", ".join(f"{label} by {plural(count, 'reference take')}" for label, count in counts.items())
+    return [f"scores {own}"]
+
+
 def describe_addition(output: "Path", edited: "EditedModel") -> str:
     """The movements that were added, how well they are recognised, and the calibration."""
     header, labels = edited.model.header, ", ".join(edited.labels)

@@ -106,7 +106,9 @@ def remove_movements(model: MovementModel, labels: Sequence[str]) -> MovementMod
         )
     vocabulary = Vocabulary(tuple(old.vocabulary.labels[m] for m in remaining), old.vocabulary.name)
     removed = ",".join([*filter(None, [old.provenance.get("removed")]), *labels])
+    references = {label: own for label, own in old.references.items() if label in vocabulary.labels}
     header = replace(old, vocabulary=vocabulary, provenance={**old.provenance, "removed": removed})
+    header = replace(header, references=references)
     indices = {-1 - b: -1 - b for b in range(len(old.background or ()))}
     return _learned_again(model, header, indices | {m: n for n, m in enumerate(remaining)})
 

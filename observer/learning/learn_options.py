@@ -95,6 +95,13 @@ class LearnOptions:
             help="The archive has the people who will be judged: calibrate by leaving out recordings, not people.",
         ),
     ] = False
+    reference: Annotated[
+        str,
+        typer.Option(
+            help="Takes that show how it should be done, so that a running scene scores by them: all, or trials, "
+            "movements or LABEL:TRIAL, separated by commas."
+        ),
+    ] = ""
     jobs: Annotated[
         int, typer.Option(min=0, max=1024, help="Processes to share the work of several --sensor; 0: one per core.")
     ] = 0

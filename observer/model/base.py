@@ -17,10 +17,11 @@ from common.vocabulary import Vocabulary
 from observer.geometry.placement import PersonPlacement
 from observer.model.parameters import Parameter, check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
-from observer.tracks import Floats, Tracks
+from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
     from observer.model.cross_validation import CrossValidation, LearnedFromOthers
+    from observer.score.references import ReferenceTakes
 
 Arrays = Mapping[str, NDArray[np.generic]]
 
@@ -34,6 +35,7 @@ class Header:
     corrects the posteriors. background: movements outside the vocabulary, from which the model learned "something
     else", as from blends (means of two movements); (): from blends only; None: it does not know "something else".
     placement: where the person stands in a camera file's room, facing 0 for several facings; None: as in recordings.
+    references: the takes that show how a movement should be done, by label.
     """
 
     kind: str
@@ -47,6 +49,7 @@ class Header:
     calibration: PosteriorCalibration = field(default_factory=PosteriorCalibration)
     background: tuple[str, ...] | None = None
     placement: PersonPlacement | None = None
+    references: Mapping[str, "ReferenceTakes"] = field(default_factory=dict)
 
 
 def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:
@@ -173,6 +176,15 @@ class Watch(Protocol):
     @property
     def rest(self) -> float:
         """Probability that the person is at rest now, before or after a movement."""
+
+    @property
+    def performed(self) -> int:
+        """Frames of the movement that has ended, while the person rests after it; 0: none whose begin is known."""
+        return 0
+
+    def performance(self) -> tuple[Floats32, Floats] | None:
+        """(F, 2 P + 3) the trace of these frames, and (P,) the share of them in which each part was seen."""
+        return None
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame at the model's rate."""

@@ -1,7 +1,8 @@
 """Reads and writes model files: .npz without pickles, described in docs/design/model.md.
 
 `header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
-certainty, placement); all other arrays are the model's own.
+certainty, placement); arrays named `reference_...` are its reference takes, if it has some
+(observer/score/reference_arrays.py); all other arrays are the model's own.
 """
 
 import json
@@ -26,6 +27,7 @@ from observer.model.parameters import check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
 from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
+from observer.score.reference_arrays import references_as_arrays, references_from_arrays
 
 FORMAT = 1
 LINE_LIMIT = 400
@@ -35,7 +37,8 @@ LINE_LIMIT = 400
 def write_model(path: Path, model: MovementModel) -> None:
     """Write the model, completely or not at all; raises BadInput or LabanmeshError as `write_arrays` does."""
     header = np.array(json.dumps(_as_json(model.header), indent=1))
-    write_arrays(path, {"header": header, **model.arrays()}, compressed=True)
+    references = references_as_arrays(model.header.references)
+    write_arrays(path, {"header": header, **model.arrays(), **references}, compressed=True)
 
 
 def read_model(path: Path) -> MovementModel:
@@ -87,7 +90,8 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     kind, header = MODELS[document["kind"]], _header_from(document)
     # Parameters that only earlier versions had are left out.
     own = {name: value for name, value in header.parameters.items() if name in kind.PARAMETERS}
-    header = replace(header, parameters=own)
+    references = references_from_arrays(arrays, header.vocabulary.labels, header.body_parts, header.rate_hz)
+    header = replace(header, parameters=own, references=references)
     missing = [name for name in kind.PARAMETERS if name not in header.parameters]
     if missing:
         raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")

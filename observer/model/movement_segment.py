@@ -5,7 +5,14 @@ is no longer used: in continuous karate the classifier of segments is right in 1
 more than 0.7 s after the segment, the trailing windows in 92 %.
 """
 
-from observer.tracks import Floats, Floats32
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.tracks import Floats
+
+T = TypeVar("T", bound=np.generic)
 
 STILL_LAG_S = 0.3
 """The delay of stillness: a movement begins this long before stillness ends."""
@@ -80,7 +87,7 @@ class MovementSegment:
             self._otherwise = self._otherwise + 1 if is_other else 0
         return is_past and something_else < SHOWN
 
-    def rows_of(self, rows: Floats32) -> Floats32:
+    def rows_of(self, rows: NDArray[T]) -> NDArray[T]:
         """(F, C) rows of the stream until now -> those of the segment; none where no begin is known."""
         begun, rested = self.begun or 0, self._rested if self.over else 0
         return rows[-begun - rested :][:begun]

@@ -6,6 +6,7 @@ from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.posterior import Repeated
 from observer.features import REFERENCE_HZ
@@ -38,6 +39,9 @@ class StackedWatch(Watch):
         self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._segment.lag + 1)
         # Those that the segment and the extent need.
         self._rows: Floats32 = np.zeros((0, width_of(len(header.body_parts))), np.float32)
+        # Which parts were seen in these, for scores.
+        self._sights: deque[NDArray[np.bool_]] | None = deque(maxlen=model.history) if header.references else None
+        self._ended = False
         self._trailing = model.trailing.watch()
         self._hop, self._left = hop_of(header.rate_hz), 0
         # Before the first classification there is only the prior, in which something else is one answer of M + 1.
@@ -74,6 +78,7 @@ class StackedWatch(Watch):
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
+        self._ended = True
         if len(self._rows):
             self._classify(over=True)
 
@@ -87,6 +92,8 @@ class StackedWatch(Watch):
         if seen:
             self._doubt = 0.0
             self._rows = np.concatenate([self._rows[1 - self._model.history :], row[None]])
+            if self._sights is not None:
+                self._sights.append(tracks.visible)
             self._trailing.update(row)
             self._segment.update(resting, self._answers, len(self._rows))
             self._left -= 1
@@ -180,3 +187,17 @@ class StackedWatch(Watch):
     def rest(self) -> float:
         """P(the person is still and does something else)."""
         return min(self._trace.frame.still * math.exp(self._log_trailing[-1]), 1.0)
+
+    @property
+    def performed(self) -> int:
+        """Frames of the movement that has ended, while the person rests after it; 0: none whose begin is known."""
+        is_over = self._segment.over or self._ended
+        return max((self._segment.begun or 0) - self._segment.lag, 0) if is_over else 0
+
+    def performance(self) -> tuple[Floats32, Floats]:
+        """The trace of these frames, and how much was seen of each part."""
+        places = self._segment.rows_of(np.arange(len(self._rows)))
+        # Rest after it, as before it, is noticed late.
+        places = places[: -self._segment.lag] if self._segment.over else places
+        seen = np.array(self._sights or ())[places]
+        return self._rows[places], seen.mean(axis=0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from common.messages import Facing, PosteriorMessage, VocabularyHash
-from common.posterior import Repeated
+from common.posterior import ObservedScore, Repeated
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
@@ -15,6 +15,7 @@ from observer.model.leaning import region_shares
 from observer.model.posterior_calibration import calibrated_posterior
 from observer.runtime.hurry import Hurry
 from observer.runtime.resampler import Resampler
+from observer.score.performance import PerformanceScorer
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 TINY = 1e-300
@@ -30,7 +31,8 @@ class Posterior:
     frame. facets: distributions over the values of facets (common.facets), where available. facing: (M, K)
     P(facing | movement), None for a model with one facing. unlearned: P(none of the vocabulary), None if the model
     cannot tell. repetitions, repeated: of the likeliest movement, None unless it is periodic. judged: whether the
-    newest frame is judged too; an observer in a hurry only follows some of them.
+    newest frame is judged too; an observer in a hurry only follows some of them. score: of the movement before this
+    rest, None unless the model has references of it.
     """
 
     p: Floats
@@ -43,6 +45,7 @@ class Posterior:
     repetitions: float | None = None
     repeated: Repeated | None = None
     judged: bool = True
+    score: ObservedScore | None = None
 
 
 class Observer:
@@ -69,6 +72,8 @@ class Observer:
         self.vocabulary: Vocabulary = model.header.vocabulary
         self.body_parts, self.leans_on = model.header.body_parts, region_shares(model.header)
         self._frames, self._hurry = 0, Hurry(judged_s)
+        self._scorer = PerformanceScorer(model.header) if model.header.references else None
+        self._captured_ns = 0
         self.tracks: Tracks | None = None
 
     @property
@@ -86,6 +91,7 @@ class Observer:
         if self._ended:
             self._begin_again()
         self.tracks, judged = self._tracker.update(frame), self._hurry.judges(frame)
+        self._captured_ns = frame.captured_ns
         instants = [self.tracks]
         if self._resampler is not None:
             instants = self._resampler.update(frame.at_ns, self.tracks, frame.skipped > 0)
@@ -124,7 +130,8 @@ class Observer:
         facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
         watch, frames = self.watch, self._frames
         counts = watch.repetitions, watch.repeated
-        return Posterior(p, watch.rest, frames, visible, facets, facing, unlearned, *counts, judged)
+        score = self._scorer.update(watch, p, unlearned, self._captured_ns) if self._scorer and judged else None
+        return Posterior(p, watch.rest, frames, visible, facets, facing, unlearned, *counts, judged, score)
 
 
 class PosteriorEncoder:
@@ -168,6 +175,7 @@ class PosteriorEncoder:
             facets={name: p.tolist() for name, p in posterior.facets.items()} or None,
             repetitions=posterior.repetitions,
             repeated=posterior.repeated,
+            score=posterior.score,
         )
         self.seq += 1
         return message

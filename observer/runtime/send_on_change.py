@@ -2,7 +2,7 @@
 
 Rules of `SendOnChange`:
 
-1. A posterior is sent at once if the most probable movement, its repetitions, the side of 0.5 of rest or of
+1. A posterior is sent at once if the most probable movement, its repetitions, its score, the side of 0.5 of rest or of
    `unlearned`, or whether any body part is seen differs from the last one sent.
 2. It is sent if one of its distributions has moved by more than MAX_CHANGE since then: movements (with their facings,
    where these are sent), rest, `unlearned`, and each facet. So receivers are never further off than that.
@@ -41,7 +41,7 @@ class Summary:
             distributions["unlearned"] = _binary(unlearned)
         blind = bool(posterior.visible) and not any(posterior.visible.values())
         sides = (int(p.argmax()), posterior.rest >= 0.5, (unlearned or 0.0) >= 0.5, blind, facing is not None)
-        return cls((*sides, posterior.repetitions), distributions)
+        return cls((*sides, posterior.repetitions, posterior.score), distributions)
 
 
 class SendOnChange:

@@ -6,6 +6,7 @@ person, with the other takes), exactly as a performance is later (docs/design/sc
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -41,6 +42,21 @@ class ReferenceTake:
     mirrored: bool = False
 
 
+class ReferenceSpread(NamedTuple):
+    """How much the references differ among themselves, each compared as a performance is.
+
+    usual, spread (R,): mean and deviation of R deviations. farthest: distance of a reference from the nearest other
+    one. typical, worst: the badness of half of them, and of the worst. remarked (J,): see `largest`.
+    """
+
+    usual: Floats
+    spread: Floats
+    farthest: float
+    typical: float
+    worst: float
+    remarked: Floats
+
+
 @dataclass(frozen=True, slots=True)
 class JudgeScore:
     """What one judge says: score 0 to 10, None if `uncertain` says why not; by limb, how many spreads it is off.
@@ -57,26 +73,39 @@ class JudgeScore:
 
 
 class ReferenceTakes:
-    """The references of one movement for one view. Raises BadInput for fewer than LEAST_REFERENCES."""
+    """The references of one movement for one view. Raises BadInput for fewer than LEAST_REFERENCES.
 
-    def __init__(self, takes: Sequence[ReferenceTake], body_parts: Sequence[str], rate_hz: float) -> None:
+    spread: as measured earlier; measuring takes as long as judging each of the takes.
+    """
+
+    def __init__(
+        self,
+        takes: Sequence[ReferenceTake],
+        body_parts: Sequence[str],
+        rate_hz: float,
+        spread: ReferenceSpread | None = None,
+    ) -> None:
         own = [n for n, take in enumerate(takes) if not take.mirrored]
         if len(own) < LEAST_REFERENCES:
             raise BadInput(
                 f"{plural(len(own), 'reference take')}: a score needs at least {LEAST_REFERENCES}, because their "
                 "differences are its unit"
             )
+        self.takes = tuple(takes)
         self._limbs, self._joints, self._rate_hz = limbs_of(body_parts), joints_of(body_parts), rate_hz
         self._places = [places_of(take.trace) for take in takes]
         self._people = np.array([take.person for take in takes])
         self._weights = weights_of(len(self._limbs))
+        self.spread = spread or self._measured(own)
+
+    def _measured(self, own: Sequence[int]) -> ReferenceSpread:
         compared = [self._compare(self._places[n], self._others(n)) for n in own]
         rows = np.array([row for row, *_ in compared])
-        self._farthest = max(distance for *_, distance in compared)
-        self._usual, self._spread = rows.mean(axis=0), rows.std(axis=0) + TINY
-        badness = np.array([self._badness(row) for row in rows])
-        self._typical, self._worst = float(np.median(badness)), float(badness.max())
-        self._remarked = largest([band for _, band, _ in compared])
+        farthest = max(distance for *_, distance in compared)
+        usual, spread = rows.mean(axis=0), rows.std(axis=0) + TINY
+        badness = self._weights @ np.maximum((rows - usual) / spread, 0.0).T
+        remarked = largest([band for _, band, _ in compared])
+        return ReferenceSpread(usual, spread, farthest, float(np.median(badness)), float(badness.max()), remarked)
 
     def _others(self, take: int) -> list[int]:
         """Those of other people; of one person, the other takes."""
@@ -93,13 +122,14 @@ class ReferenceTakes:
         if len(trace) < 2:
             return JudgeScore(None, certainty, uncertain="the performance has no two frames")
         row, band, distance = self._compare(places_of(trace), range(len(self._places)))
-        if distance > max(FAR * self._farthest, USUAL_DISTANCE):
-            far = f"{distance / max(self._farthest, TINY):.0f} times as far from the references as any of them"
+        if distance > max(FAR * self.spread.farthest, USUAL_DISTANCE):
+            far = f"{distance / max(self.spread.farthest, TINY):.0f} times as far from the references as any of them"
             return JudgeScore(None, certainty, uncertain=f"this is another movement: {far}")
         off = self._spreads(row)
         per_limb = off[: len(GROUPS) * len(self._limbs)].reshape(len(GROUPS), -1).mean(axis=0)
         limbs = tuple((limb.name, float(each)) for limb, each in zip(self._limbs, per_limb, strict=True))
-        return JudgeScore(self._score(self._badness(row)), certainty, remarks_of(band, self._remarked), limbs, band)
+        remarks = remarks_of(band, self.spread.remarked)
+        return JudgeScore(self._score(float(self._weights @ off)), certainty, remarks, limbs, band)
 
     def _compare(self, places: Floats32, others: Sequence[int]) -> tuple[Floats, Band, float]:
         """Deviations from the nearest of the others and its distance; the band of the BAND nearest."""
@@ -114,14 +144,12 @@ class ReferenceTakes:
 
     def _spreads(self, row: Floats) -> Floats:
         """Deviations in spreads of the references; less than usual is no merit."""
-        spreads: Floats = np.maximum((row - self._usual) / self._spread, 0.0)
+        spreads: Floats = np.maximum((row - self.spread.usual) / self.spread.spread, 0.0)
         return spreads
 
-    def _badness(self, row: Floats) -> float:
-        return float(self._weights @ self._spreads(row))
-
     def _score(self, badness: float) -> float:
-        halves = max(badness - self._typical, 0.0) / max(self._worst - self._typical, TINY)
+        typical, worst = self.spread.typical, self.spread.worst
+        halves = max(badness - typical, 0.0) / max(worst - typical, TINY)
         return float(BEST * (WORST / BEST) ** halves)
 
     def _seen_share(self, seen: Sequence[bool] | None) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.score import REMARKS_LIMIT, remark_words
 from observer.score.limbs import LimbJoint
 from observer.tracks import Floats, Integers
 
@@ -12,7 +13,6 @@ POINTS = 20
 """Moments of a performance at which joints are compared, 5 % apart: each the mean of what is nearest to it."""
 LEAST_DEGREES = 8.0
 """A tracker's noise of one angle, and what people hardly see."""
-MOST_REMARKS = 3
 TOLERANCE = 1.5
 """Times what the farthest reference is off: people vary more from day to day than within the few takes of one."""
 
@@ -31,8 +31,7 @@ class Remark:
     @property
     def words(self) -> str:
         """For people."""
-        direction = "straight" if self.degrees > 0 else "bent"
-        return f"{self.joint}: {abs(self.degrees):.0f} degrees too {direction} at {self.moment:.0%}".replace("%", " %")
+        return remark_words(self.joint, self.degrees, self.moment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,13 +86,13 @@ def largest(bands: Sequence[Band]) -> Floats:
 
 
 def remarks_of(band: Band, limits: Floats) -> tuple[Remark, ...]:
-    """At most MOST_REMARKS, the strongest first: joints that are farther off than references are."""
+    """At most REMARKS_LIMIT, the strongest first: joints that are farther off than references are."""
     if not len(limits):
         return ()
     ratio = _strength(band) / limits
     remarks = list[Remark]()
     for n in np.argsort(-ratio):
-        if ratio[n] <= 1.0 or len(remarks) == MOST_REMARKS:
+        if ratio[n] <= 1.0 or len(remarks) == REMARKS_LIMIT:
             break
         at = int(np.abs(band.spreads[:, n]).argmax())
         degrees = float(band.own[at, n] - band.mean[at, n])

@@ -1,24 +1,22 @@
 """Scores of recorded performances: each view is a judge, and the referee drops the highest and the lowest."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from common.errors import BadInput
-from fusion.score_pool import JudgedScore, pooled_score
+from fusion.score_pool import JudgedScore, pooled_remarks, pooled_score
 from observer.features import REFERENCE_HZ
 from observer.geometry.views import View, parse_view, split_views
+from observer.learning.references import mirrored as mirrored
 from observer.model.body_trace import read_trace
 from observer.motion.archive import Recording
 from observer.motion.projected import view_tracks
 from observer.score.references import JudgeScore, ReferenceTake, ReferenceTakes
 from observer.score.remarks import Band, Remark
 from observer.tracks import Floats32, Tracks
-
-SAME = 1.5
-"""Remarks of two judges on one joint are one; it is as strong as its largest, times this for each further judge."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +39,6 @@ class SeenPerformance:
 def _seen(tracks: Sequence[Tracks]) -> tuple[bool, ...]:
     visible = np.mean([each.visible for each in tracks], axis=0) >= 0.5
     return tuple(bool(part) for part in visible)
-
-
-def mirrored(recording: Recording, body_parts: Sequence[str]) -> Recording:
-    """The same to the other side: left and right parts change places, and x its sign; 3-D recordings alone."""
-    place = {name: n for n, name in enumerate(body_parts)}
-    other = {"left": "right", "right": "left"}
-    sides = [name.partition("_") for name in body_parts]
-    order = [place.get(f"{other.get(side, side)}_{part}", n) for n, (side, _, part) in enumerate(sides)]
-    return replace(recording, positions=recording.positions[:, order] * np.array([-1, 1, 1], np.float32))
 
 
 def shown_takes(view: View, recording: Recording, body_parts: tuple[str, ...]) -> tuple[SeenPerformance, ...]:
@@ -80,17 +69,9 @@ def pooled(scores: Mapping[str, JudgeScore]) -> float | None:
     return pooled_score({n: JudgedScore(s.score, s.certainty) for n, s in scores.items() if s.score is not None})
 
 
-def pooled_remarks(scores: Mapping[str, JudgeScore], most: int = 3) -> list[Remark]:
-    """The strongest remarks, one for each joint that half of the judges remark: what more of them see stands first."""
-    judges = sum(each.score is not None for each in scores.values())
-    of_joint: dict[str, list[Remark]] = {}
-    for score in scores.values():
-        for remark in score.remarks:
-            of_joint.setdefault(remark.joint, []).append(remark)
-    agreed = [own for own in of_joint.values() if 2 * len(own) >= judges]
-    strongest = [(max(own, key=lambda each: each.strength), len(own)) for own in agreed]
-    strongest.sort(key=lambda pair: -pair[0].strength * SAME ** (pair[1] - 1))
-    return [remark for remark, _ in strongest[:most]]
+def agreed_remarks(scores: Mapping[str, JudgeScore]) -> list[Remark]:
+    """The referee's remarks: those of half of the judges that score."""
+    return pooled_remarks([each.remarks for each in scores.values() if each.score is not None])
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +90,7 @@ class ScoredPerformance:
     @property
     def remarks(self) -> list[Remark]:
         """The referee's, at most three."""
-        return pooled_remarks(self.scores)
+        return agreed_remarks(self.scores)
 
     def as_fields(self) -> dict[str, Any]:
         """As JSON has it."""

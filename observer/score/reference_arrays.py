@@ -1,0 +1,74 @@
+"""The references of a model's movements as the arrays of its file. Pure."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.model.base import Arrays
+from observer.model.body_trace import hop_of, width_of
+from observer.score.deviations import weights_of
+from observer.score.limbs import joints_of, limbs_of
+from observer.score.references import ReferenceSpread, ReferenceTake, ReferenceTakes
+
+LABELS = "reference_labels"
+"""The array that a model file with references has."""
+
+
+def references_as_arrays(references: Mapping[str, ReferenceTakes]) -> dict[str, NDArray[np.generic]]:
+    """For a model file; nothing for a model without references."""
+    if not references:
+        return {}
+    takes = [take for own in references.values() for take in own.takes]
+    spreads = [own.spread for own in references.values()]
+    return {
+        LABELS: np.array([*references], np.str_),
+        "reference_counts": np.array([len(own.takes) for own in references.values()], np.int32),
+        "reference_traces": np.concatenate([take.trace for take in takes]).astype(np.float32),
+        "reference_lengths": np.array([len(take.trace) for take in takes], np.int32),
+        "reference_people": np.array([take.person for take in takes], np.str_),
+        "reference_mirrored": np.array([take.mirrored for take in takes], np.bool_),
+        "reference_usual": np.array([each.usual for each in spreads]),
+        "reference_spreads": np.array([each.spread for each in spreads]),
+        "reference_scales": np.array([(each.farthest, each.typical, each.worst) for each in spreads]),
+        "reference_remarked": np.array([each.remarked for each in spreads]),
+    }
+
+
+def references_from_arrays(
+    arrays: Arrays, labels: Sequence[str], body_parts: Sequence[str], rate_hz: float
+) -> dict[str, ReferenceTakes]:
+    """The inverse, for a model of these labels, parts and rate; ValueError for arrays that do not fit."""
+    if LABELS not in arrays:
+        return {}
+    own = [str(label) for label in arrays[LABELS]]
+    deviations, joints = len(weights_of(len(limbs_of(body_parts)))), len(joints_of(body_parts))
+    traces = np.asarray(arrays["reference_traces"], np.float32)
+    lengths = np.asarray(arrays["reference_lengths"], np.int64)
+    numbers = [np.asarray(arrays[f"reference_{n}"], np.float64) for n in ("usual", "spreads", "scales", "remarked")]
+    shapes = [(len(own), columns) for columns in (deviations, deviations, 3, joints)]
+    if [each.shape for each in numbers] != shapes or not all(np.isfinite(each).all() for each in numbers):
+        raise ValueError(f"references have shapes {[each.shape for each in numbers]}; finite {shapes} are expected")
+    if traces.ndim != 2 or traces.shape[1] != width_of(len(body_parts)) or not np.isfinite(traces).all():
+        raise ValueError(f"reference_traces have shape {traces.shape}, or contain NaN or infinity")
+    if lengths.sum() != len(traces) or (lengths < 2).any() or (numbers[1] <= 0).any():
+        raise ValueError("reference_traces do not fit reference_lengths, or spreads are not above 0")
+    if len({*own}) != len(own) or not {*own} <= {*labels}:
+        raise ValueError("references of movements that the model does not have")
+    pieces = np.split(traces, np.cumsum(lengths)[:-1])
+    takes = [
+        ReferenceTake(trace, str(person), bool(mirrored))
+        for trace, person, mirrored in zip(
+            pieces, arrays["reference_people"], arrays["reference_mirrored"], strict=True
+        )
+    ]
+    ends = np.cumsum(np.asarray(arrays["reference_counts"], np.int64))
+    if len(ends) != len(own) or ends[-1] != len(takes):
+        raise ValueError("reference_counts do not fit")
+    result = {}
+    for n, (label, end) in enumerate(zip(own, ends, strict=True)):
+        usual, spreads, (farthest, typical, worst), remarked = (each[n] for each in numbers)
+        spread = ReferenceSpread(usual, spreads, float(farthest), float(typical), float(worst), remarked)
+        begin = int(ends[n - 1]) if n else 0
+        result[label] = ReferenceTakes(takes[begin : int(end)], body_parts, rate_hz / hop_of(rate_hz), spread)
+    return result
