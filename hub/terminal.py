@@ -31,6 +31,7 @@ from hub.wording import (
     duration,
     label_words,
     percent,
+    score_words,
     undecided,
 )
 
@@ -231,7 +232,8 @@ def _verdict_flag(verdict: VerdictMessage | None) -> RenderableType:
     style = f"bold {colour}" if verdict.ended_ns is not None else f"bold reverse {colour}"
     when = "now" if verdict.ended_ns is None else f"{duration(verdict)}, at {clock_time(verdict.began_ns)}"
     when = when if verdict.revises is None else f"revised from {printable(verdict.revises)}"
-    return _flag(verdict.label, style, f"{when}, {agreement(verdict)}")
+    score = "" if verdict.score is None else f"{verdict.score:.1f} of 10, "
+    return _flag(verdict.label, style, f"{score}{when}, {agreement(verdict)}")
 
 
 def _flag(label: str, style: str, caption: str) -> RenderableType:
@@ -244,7 +246,7 @@ def _flag(label: str, style: str, caption: str) -> RenderableType:
 def _log(verdicts: Sequence[VerdictMessage]) -> RenderableType:
     def row(verdict: VerdictMessage) -> Sequence[RenderableType]:
         label = Text(label_words(verdict), style="red" if is_abstention(verdict) else "bold")
-        details = (printable(verdict.why or ""), dissent(verdict), contributed(verdict))
+        details = (score_words(verdict), printable(verdict.why or ""), dissent(verdict), contributed(verdict))
         times = (clock_time(verdict.began_ns), label, duration(verdict))
         texts = agreement(verdict), bits(verdict.certainty_bits), Text("  ".join(filter(None, details)), style="dim")
         return (*times, *texts)

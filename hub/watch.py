@@ -26,7 +26,7 @@ from hub.anticipation import NEVER, Anticipation, EarlyWord
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
 from hub.terminal import render
-from hub.wording import early_line, fall_line, judgement_line, verdict_line
+from hub.wording import early_line, fall_line, judgement_line, score_line, verdict_line
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -128,10 +128,10 @@ def show_live(
 
 
 def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:
-    """One line for each verdict and each revision, each early word and its end, each stage of a fall, and for one
-    judgement a second."""
+    """One line for each verdict, each revision and each score, each early word and its end, each stage of a fall, and
+    for one judgement a second."""
     shown: dict[str, str] = {}
-    shown_ns, fall_stage = 0, ""
+    shown_ns, fall_stage, scored = 0, "", ""
     anticipation = Anticipation(certainty)
     for update in updates:
         for word in _early_words(anticipation, update):
@@ -144,6 +144,10 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
             case VerdictMessage(id=verdict_id, label=label) as verdict if shown.get(verdict_id) != label:
                 print(verdict_line(_revision(verdict, shown.get(verdict_id))), flush=True)
                 shown[verdict_id] = label
+                scored = verdict_id if verdict.score is not None else scored
+            case VerdictMessage(id=verdict_id, score=float()) as verdict if verdict_id != scored:
+                print(score_line(verdict), flush=True)
+                scored = verdict_id
         due = abs(state.now_ns - shown_ns) >= LINE_EVERY_S * SECOND_NS
         if state.judgement and state.silence_s < LINE_EVERY_S and due:
             shown_ns = state.now_ns

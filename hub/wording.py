@@ -165,8 +165,20 @@ def verdict_line(verdict: VerdictMessage) -> str:
     """A verdict as one line; a revision begins with `revised`, and an abstention says what a label lacked."""
     kind = "revised" if verdict.stage == "revised" else "verdict"
     phrases = [clock_time(verdict.began_ns), kind, label_words(verdict), agreement(verdict)]
-    details = (printable(verdict.why or ""), dissent(verdict), contributed(verdict))
+    details = (score_words(verdict), printable(verdict.why or ""), dissent(verdict), contributed(verdict))
     return "  ".join([*phrases, bits(verdict.certainty_bits), *filter(None, details)])
+
+
+def score_line(verdict: VerdictMessage) -> str:
+    """The score of an ended movement as one line: `14:03:22  score  squat ended, 7.8 of 10; left knee: ...`."""
+    return "  ".join([clock_time(verdict.began_ns), "score", f"{label_words(verdict)} ended, {score_words(verdict)}"])
+
+
+def score_words(verdict: VerdictMessage) -> str:
+    """`7.8 of 10; left knee: 12 degrees too straight at 60 %`; empty without a score."""
+    if verdict.score is None:
+        return ""
+    return printable("; ".join([f"{verdict.score:.1f} of 10", *(verdict.remarks or ())]))
 
 
 FALL_WORDS = {

@@ -128,6 +128,7 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         "began": verdict.began_ns // NS_PER_MS,
         "decided": verdict.decided_ns // NS_PER_MS,
         "count": _count(verdict, verdict),
+        "score": rounded(verdict.score, 1),
         "ended": None if verdict.ended_ns is None else verdict.ended_ns // NS_PER_MS,
         "entropy": rounded(verdict.certainty_bits, 3),
         "agreement": [verdict.agreement.k, verdict.agreement.n],

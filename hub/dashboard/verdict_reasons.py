@@ -29,6 +29,7 @@ def reasons(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
         yield f"{_listed(undecided)} believed no more of one movement than of another."
     elif undecided:
         yield f"{_listed(undecided)} held no movement: none more than another, or something else."
+    yield from _score(verdict)
     yield from _weights(verdict, votes)
     yield from _contributions(verdict)
     yield from _faults(verdict)
@@ -49,6 +50,18 @@ def _majority(verdict: VerdictMessage, votes: Mapping[str, Vote], quorum: int | 
         yield f"{needed}: the scene asks for {quorum} to agree; with one less there would have been no verdict."
     else:
         yield f"The scene asks for {quorum}: no single judge could have prevented it by holding something else."
+
+
+def _score(verdict: VerdictMessage) -> Iterator[str]:
+    if verdict.score is None:
+        return
+    judges = verdict.scores or {}
+    points = [f"{name} {score:.1f}" for name, score in judges.items()]
+    more = len(points) - NAMES_LIMIT
+    rest = f" and {more} more" if more > 0 else ""
+    by = f": {', '.join(points[:NAMES_LIMIT])}{rest}" if points else ""
+    yield f"Scored {verdict.score:.1f} of 10 against the reference takes{by}."
+    yield from (f"{remark[:1].upper()}{remark[1:]}." for remark in verdict.remarks or ())
 
 
 def _weights(verdict: VerdictMessage, votes: Mapping[str, Vote]) -> Iterator[str]:

@@ -27,8 +27,11 @@ def what_of(row: HistoryRow) -> str:
     """The label, what it replaced, how often, and what somebody said that it was."""
     label = "no agreement" if row.label == ABSTAIN else row.label
     words = [f"{row.revises} -> {label}" if row.revises else label]
-    if (repetitions := json.loads(row.detail).get("repetitions")) is not None:
+    detail = json.loads(row.detail)
+    if (repetitions := detail.get("repetitions")) is not None:
         words.append(f"{repetitions} times")
+    if (score := detail.get("score")) is not None:
+        words.append(f"{score:.1f} of 10")
     if row.corrected is not None:
         words.append(f"(was {row.corrected or 'something else'})")
     return printable(" ".join(words))

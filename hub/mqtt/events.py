@@ -144,7 +144,16 @@ def _facts(verdict: VerdictMessage) -> dict[str, Any]:
         "confidence": confidence(verdict),
         "entropy": rounded(verdict.certainty_bits, 2),
         "unlearned": unlearned(verdict),
+        **_score(verdict),
     }
+
+
+def _score(verdict: VerdictMessage) -> dict[str, Any]:
+    """The score, of a movement that has one."""
+    if verdict.score is None:
+        return {}
+    scores = {name: rounded(score, 1) for name, score in (verdict.scores or {}).items()}
+    return {"score": rounded(verdict.score, 1), "scores": scores, "remarks": verdict.remarks or []}
 
 
 def _contributions(verdict: VerdictMessage) -> dict[str, Any] | None:

@@ -4,6 +4,7 @@
    time. The replay is therefore exact, whatever the network did between observers and fusion.
 2. A fusion service that takes over continues from the last published judgement, as it did live. A service that was
    restarted continues too, but without the internal state of its predecessor.
+3. Votes carry no scores, so an ended verdict has its recorded ones, and after a change none.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from common.config import FusionConfig, Scene
 
 NOBODY_LEFT = "--without: no observer would be left; leave out fewer"
+SCORE_FIELDS = ("score", "scores", "remarks")
 Vocabularies = Mapping[str, Vocabulary]
 """The movements of each vocabulary, by its hash."""
 
@@ -97,6 +99,7 @@ class JudgementReplay:
         self._engine: FusionEngine | None = None
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
+        self._scores: dict[str, object] = {}
         self._restarted = False
         self.gaps: list[Gap] = []
         self.missing = 0
@@ -104,6 +107,8 @@ class JudgementReplay:
     def set_verdict(self, verdict: VerdictMessage) -> None:
         """Take note of a recorded verdict: a movement under way may end with its votes."""
         self._verdict = verdict
+        if verdict.score is not None:
+            self._scores = {name: getattr(verdict, name) for name in ("id", "stage", *SCORE_FIELDS)}
 
     def set_times(self, published: Vocabulary) -> None:
         """Take the durations of movements that the service has published."""
@@ -178,8 +183,13 @@ class JudgementReplay:
         posteriors = [_posterior(o, judgement.votes[o], prior, remaining) for o in remaining]
         output = engine.output_for(posteriors, judgement.at_ns)
         sender = {"fusion": judgement.fusion, "epoch": judgement.epoch, "session": judgement.session}
-        verdicts = [verdict.model_copy(update=sender) for verdict in output.verdicts]
+        verdicts = [verdict.model_copy(update=sender | self._scores_of(verdict)) for verdict in output.verdicts]
         return EngineOutput(output.judgement.model_copy(update=sender), verdicts)
+
+    def _scores_of(self, verdict: VerdictMessage) -> dict[str, object]:
+        """The recorded scores of a verdict (rule 3)."""
+        is_same = (self._scores.get("id"), self._scores.get("stage")) == (verdict.id, verdict.stage)
+        return {name: self._scores[name] for name in SCORE_FIELDS} if is_same and not self._change.any else {}
 
 
 def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> AgedPosterior:

@@ -50,6 +50,20 @@ def test_a_revision_is_a_line_of_its_own_and_not_a_second_movement(make, capsys)
     assert "revised  ok -> nthrow" in capsys.readouterr().out, "a fusion service that revises only at the end"
 
 
+def test_the_score_of_an_ended_movement_is_a_line_once(make, capsys):
+    remarks = ["left knee: 12 degrees too straight at 60 %"]
+    ended = make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 1, score=7.84, scores={"cam1": 7.84}, remarks=remarks)
+    show_lines(updates(make, make.verdict(1), ended, ended))
+    lines = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
+    assert lines[1:] == ["score  nthrow ended, 7.8 of 10; left knee: 12 degrees too straight at 60 %"]
+    show_lines(updates(make, ended, ended))
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "verdict  nthrow" in line and "7.8 of 10; left knee" in line
+    show_json(updates(make, ended))
+    (fields,) = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (fields["score"], fields["scores"], fields["remarks"]) == (7.84, {"cam1": 7.84}, remarks)
+
+
 def test_a_line_says_why_there_is_no_verdict(make, capsys):
     lacks = "nthrow 79 % of the 80 % needed; 13 % something else"
     abstained = make.verdict(1, ended_ns=make.NOON, label="abstain", why=lacks)

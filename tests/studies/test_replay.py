@@ -33,6 +33,7 @@ from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.message_types import MovementTimes
 from common.messages import Facing, JudgementMessage, VerdictMessage
+from common.score import ObservedScore
 from common.wire import decode, encode, encode_vocabulary
 from fusion.engine.verdicts import CONTESTED_REST
 from studies.fusion_engine import FusionEngine, step
@@ -159,6 +160,24 @@ def test_optional_fields_come_out_the_same(write):
     result = judge_again(write(records, a_scene(temperature=1.3)), ReplayChange())
     assert result.same == result.judgements and result.faithful
     assert any(b"contributions" in record.payload for record in records)
+
+
+def test_scores_come_out_the_same(write):
+    """Votes carry none: they are those of the recorded verdict, and a change leaves none."""
+    played = [
+        (at_ns, [m if m.rest < 0.5 else m.with_fields(score=scored(m.captured_ns)) for m in posteriors])
+        for at_ns, posteriors in steps()
+    ]
+    records = recorded(a_scene(), played)
+    result = judge_again(write(records), ReplayChange())
+    assert [row.last_replayed.score for row in result.rows] == [None, None, 7.5] and result.faithful
+    changed = judge_again(write(records), ReplayChange(without=("wheel",)))
+    assert changed.rows[-1].last_replayed.score is None
+
+
+def scored(at_ns):
+    """What each says at rest: a score of a stretch that ended just now."""
+    return ObservedScore(label="stretch", ended_ns=at_ns, score=7.5)
 
 
 def test_contested_rest_comes_out_the_same(write):

@@ -1,6 +1,6 @@
 // The verdict that was decided last, and the list of verdicts: each with its reasons, and the way to correct it.
 import { $, attribute, command, hide, keep, make, mark, put } from "./elements.js";
-import { age, agree, agreementWords, bits, clock, labelWords, percent, seenBy, took, verdictWords, when, words } from "./words.js";
+import { age, agree, agreementWords, bits, clock, labelWords, percent, scoreWords, seenBy, took, verdictWords, when, words } from "./words.js";
 
 const ROWS_SHOWN = 6, LONG_WORD = 14;
 const rows = new Map();
@@ -62,7 +62,7 @@ function showRow(setup, verdict) {
   const entry = rows.get(verdict.id), { cells } = entry, changed = entry.verdict !== verdict || entry.setup !== setup;
   Object.assign(entry, { verdict, setup });
   entry.node.classList.toggle("abstain", verdict.abstain);
-  [clock(verdict.began), verdictWords(verdict), took(verdict), agree(verdict.agreement)].forEach((value, i) => put(cells[i], value));
+  [clock(verdict.began), verdictWords(verdict) + scoreWords(verdict), took(verdict), agree(verdict.agreement)].forEach((value, i) => put(cells[i], value));
   attribute(entry.why, "aria-label", `Why? ${labelWords(verdict)} at ${clock(verdict.began)}`);
   if (entry.wrong) attribute(entry.wrong, "aria-label", `Wrong? ${labelWords(verdict)} at ${clock(verdict.began)}`);
   if (changed) showReasons(entry);

@@ -20,6 +20,7 @@ function listed(names) {
 /* Verdicts. */
 export const labelWords = (verdict) => verdict.abstain ? "no agreement" : words(verdict.label);
 export const verdictWords = (verdict) => (verdict.revises === null ? "" : `${words(verdict.revises)} → `) + labelWords(verdict);
+export const scoreWords = (verdict) => typeof verdict.score === "number" ? `, ${verdict.score.toFixed(1)} of 10` : "";
 export const took = (verdict) => verdict.ended === null ? "now" : age((verdict.ended - verdict.began) / 1000);
 export function when(verdict, state) {
   const at = verdict.ended ?? verdict.decided, ago = Math.max(0, Math.round((state.now - at) / 1000));

@@ -18,9 +18,9 @@ def scored(driver, score, label="bow", ago_s=0.0, **fields):
 def ended(driver, make_scores, label="bow"):
     """A movement to its end: the last verdict. make_scores: the score of each observer that has one, at its rest."""
     driver.step(all_views(sure(label)), MOVING, times=15)
-    for n in range(15):
+    scores = make_scores(driver)
+    for _ in range(15):
         driver.tick()
-        scores = make_scores(driver) if n == 0 else scores
         for name in VIEWS:
             assert driver.publish(name, sure(label), REST, score=scores.get(name)) is None
         driver.fuse()
@@ -66,7 +66,7 @@ def test_the_time_of_a_score_is_by_the_clock_of_fusion():
     driver.engine.record_clock("door", ClockReading(asked_ns, asked_ns + hour_ns, asked_ns))
     driver.step(all_views(sure("bow")), MOVING, times=15)
     began_ns = driver.now_ns
-    for n in range(15):
+    for _ in range(15):
         driver.tick()
         ahead_ns = driver.now_ns + hour_ns
         own = ObservedScore(label="bow", score=4.0, ended_ns=began_ns + hour_ns)
@@ -75,4 +75,4 @@ def test_the_time_of_a_score_is_by_the_clock_of_fusion():
         for name in VIEWS:
             driver.publish(name, sure("bow"), REST, **fields.get(name, {}))
         driver.fuse()
-    assert driver.verdicts[-1].stage == "ended" and driver.verdicts[-1].scores == {"door": 4.0}, n
+    assert driver.verdicts[-1].stage == "ended" and driver.verdicts[-1].scores == {"door": 4.0}

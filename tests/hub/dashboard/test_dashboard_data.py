@@ -29,6 +29,17 @@ def after(make):
     return after_messages
 
 
+def test_a_verdict_has_its_score_and_why_names_the_judges(make, after):
+    ended = make.verdict(
+        1, ended_ns=make.NOON, score=7.84, scores={"cam1": 7.1, "cam2": 8.6}, remarks=["left knee: 12 degrees ..."]
+    )
+    data = json.loads(json.dumps(verdict_data(ended, after(ended), None), allow_nan=False))
+    assert data["score"] == 7.8 and "Left knee: 12 degrees ...." in data["why"]
+    assert "Scored 7.8 of 10 against the reference takes: cam1 7.1, cam2 8.6." in data["why"]
+    plain = verdict_data(make.verdict(1), after(make.verdict(1)), None)
+    assert plain["score"] is None and not any("Scored" in each for each in plain["why"])
+
+
 def test_a_snapshot_has_all_that_a_browser_needs(make, after):
     history = after(make.judgement(), make.verdict(1))
     whole = json.loads(json.dumps(snapshot_data(SETUP, history), allow_nan=False))

@@ -81,8 +81,14 @@ def test_a_performance_is_scored_once_when_its_rest_begins(model, shown, monkeyp
 
 
 def test_a_performance_that_the_source_ends_is_scored(model, shown):
-    *_, (_, recording, last) = posteriors(model, shown, ("lunging", "byebye"))
-    assert last is None or last.score is None or last.score.label == "byebye"
+    recording = perform(people=("4",), movements=("byebye",), trials=1).recordings[0]
+    tracks = view_tracks(VIEW, recording, shown.body_parts, shown.body_parts)
+    observer = Observer(Played(tracks, shown.body_parts), model)
+    for n in range(len(tracks)):
+        now = observer.step(Frame(round(n / RATE_HZ * SECOND_NS), n))
+    last = observer.end()
+    assert now.score is None and last.score.label == "byebye"
+    assert last.score.ended_ns == round((len(tracks) - 1) / RATE_HZ * SECOND_NS)
 
 
 def test_without_references_nothing_changes(plain, model, shown, tmp_path):
