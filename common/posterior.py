@@ -16,6 +16,7 @@ from msgspec.structs import force_setattr, replace
 from common.facets import FACETS
 from common.message_types import (
     ID_LIMIT,
+    LABEL_LIMIT,
     LABELS_LIMIT,
     LAST_INTEGER,
     PARTS_LIMIT,
@@ -24,7 +25,7 @@ from common.message_types import (
     TEXT_LIMIT,
     require_table,
 )
-from common.score import ObservedScore as ObservedScore
+from common.score import BEST_SCORE, REMARKS_LIMIT, remark_words
 from common.text import printable
 
 SUM_TOLERANCE = 1e-3
@@ -41,6 +42,7 @@ Id = Annotated[str, Meta(max_length=ID_LIMIT)]
 Integer = Annotated[int, Meta(ge=0, le=LAST_INTEGER)]
 Probability = Annotated[float, _RANGE]
 Probabilities = list[Probability]
+_Name = Annotated[str, Meta(max_length=LABEL_LIMIT)]
 Surprise = Annotated[int, Meta(ge=0, le=SURPRISE_LIMIT)]
 
 
@@ -87,6 +89,50 @@ class Repeated(Struct, frozen=True, kw_only=True, gc=False):
     def __post_init__(self) -> None:
         if not (math.isfinite(self.partial) and math.isfinite(self.swing)):
             raise NotFinite("repeated has a value that is not finite")
+
+
+class ObservedRemark(Struct, frozen=True, kw_only=True, gc=False):
+    """What one observer remarks: a joint, the moment, 0 begin to 1 end, and by how many degrees it is too straight,
+    or, below 0, too bent. strength: 1 is what is just worth a remark."""
+
+    joint: _Name
+    moment: Annotated[float, Meta(ge=0, le=1)]
+    degrees: Annotated[float, Meta(ge=-360, le=360)]
+    strength: Annotated[float, Meta(ge=0)] = 1.0
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.moment, self.degrees, self.strength))):
+            raise ValueError("a remark has a value that is not finite")
+        if not self.joint.isprintable():
+            force_setattr(self, "joint", printable(self.joint))
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        return remark_words(self.joint, self.degrees, self.moment)
+
+
+class ObservedScore(Struct, frozen=True, kw_only=True, gc=False):
+    """One observer's score of the movement that ended at `ended_ns`, 0 to 10, if it was `label`.
+
+    certainty: share of the limbs that it saw, 0 to 1.
+    """
+
+    label: _Name
+    ended_ns: Annotated[int, Meta(ge=0, le=LAST_INTEGER)]
+    score: Annotated[float, Meta(ge=0, le=BEST_SCORE)]
+    certainty: Annotated[float, Meta(ge=0, le=1)] = 1.0
+    remarks: Annotated[list[ObservedRemark], Meta(max_length=REMARKS_LIMIT)] = []
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.score) and math.isfinite(self.certainty)):
+            raise ValueError("score has a value that is not finite")
+        if not self.label.isprintable():
+            force_setattr(self, "label", printable(self.label))
+
+    def shifted(self, by_ns: int) -> "ObservedScore":
+        """The same by a clock that is so far ahead."""
+        return replace(self, ended_ns=self.ended_ns + by_ns)
 
 
 class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_defaults=True):

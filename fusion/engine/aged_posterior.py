@@ -12,9 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from common.messages import PosteriorMessage, VoteState
-from common.posterior import Repeated
+from common.posterior import ObservedScore, Repeated
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
-from common.score import ObservedScore
 from fusion.engine.trust import HONEST, information_of
 
 POOLED_STATES = ("counted", "stale")

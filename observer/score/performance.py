@@ -3,7 +3,8 @@
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
-from common.score import REMARKS_LIMIT, ObservedRemark, ObservedScore
+from common.posterior import ObservedRemark, ObservedScore
+from common.score import REMARKS_LIMIT
 from observer.model.body_trace import hop_of
 from observer.model.movement_segment import STILL_LAG_S
 from observer.tracks import Floats

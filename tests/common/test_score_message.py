@@ -8,7 +8,7 @@ from message_stage import posterior, reason_of, verdict
 
 from common.message_types import LAST_INTEGER
 from common.messages import PosteriorMessage, VerdictMessage
-from common.score import ObservedRemark, ObservedScore
+from common.posterior import ObservedRemark, ObservedScore
 from common.wire import decode, encode
 
 REMARK = {"joint": "left knee", "moment": 0.5, "degrees": 12.0, "strength": 2.0}

@@ -33,7 +33,7 @@ from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.message_types import MovementTimes
 from common.messages import Facing, JudgementMessage, VerdictMessage
-from common.score import ObservedScore
+from common.posterior import ObservedScore
 from common.wire import decode, encode, encode_vocabulary
 from fusion.engine.verdicts import CONTESTED_REST
 from studies.fusion_engine import FusionEngine, step

@@ -5,7 +5,7 @@ from engine_stage import MOVING, REST, VIEWS, EngineDriver, all_views, sure
 
 from common import SECOND_NS
 from common.clock_skew import ClockReading
-from common.score import ObservedRemark, ObservedScore
+from common.posterior import ObservedRemark, ObservedScore
 
 KNEE = ObservedRemark(joint="left knee", moment=0.6, degrees=12.0, strength=2.0)
 ELBOW = ObservedRemark(joint="right elbow", moment=0.2, degrees=-9.0, strength=1.5)
