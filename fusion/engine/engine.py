@@ -18,7 +18,6 @@ from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newes
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
-from fusion.engine.scores import with_score
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import (
     MovementDecision,
@@ -40,6 +39,7 @@ from fusion.engine.verdicts import (
     progress_of,
     why_undecided,
     why_waiting,
+    with_score,
 )
 
 

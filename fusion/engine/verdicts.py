@@ -4,7 +4,7 @@ The design: fusion.md, "Trust". A verdict, one per movement, is validated.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -15,15 +15,19 @@ from common.config_sections import FusionConfig
 from common.message_types import ROUND_OFF
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.probability import Floats
+from common.score import REMARK_LIMIT
 from fusion.engine.messages import PublishedFacets, Stamp
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, RepetitionCount, repetition_fields
+from fusion.score_pool import JudgedScore, pooled_remarks, pooled_score
 
 SMALLEST = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""
 NO_OBSERVERS = "waiting for observers"
 CONTESTED_REST = "two observers contradict each other on whether the person rests"
+SCORE_DIGITS = 2
+"""Of a score; a mean of scores of 10 stays 10."""
 NAMES_LIMIT = 3
 """Awaited observers that are listed by name."""
 
@@ -209,3 +213,28 @@ def _percent(p: float) -> str:
 
 def _seconds(seconds: float) -> str:
     return f"{math.floor(10 * seconds + ROUND_OFF) / 10:.1f}"
+
+
+def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> VerdictMessage:
+    """The verdict with the pooled score of its movement, if it has ended and an observer has scored it as its label.
+
+    A score of what ended before this movement began is of an earlier one, and not used (docs/design/score.md).
+    """
+    if verdict.ended_ns is None:
+        return verdict
+    judged = {
+        each.observer: each.score
+        for each in posteriors
+        if each.score is not None and each.score.label == verdict.label and each.score.ended_ns > verdict.began_ns
+    }
+    if not judged:
+        return verdict
+    score = pooled_score({name: JudgedScore(own.score, own.certainty) for name, own in judged.items()})
+    remarks = pooled_remarks([own.remarks for own in judged.values()])
+    return verdict.model_copy(
+        update={
+            "score": None if score is None else round(score, SCORE_DIGITS),
+            "scores": {name: round(own.score, SCORE_DIGITS) for name, own in judged.items()},
+            "remarks": [remark.words[:REMARK_LIMIT] for remark in remarks] or None,
+        }
+    )
