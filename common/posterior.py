@@ -140,7 +140,7 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
 
     `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
     `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic;
-    `repeated` says more about them. `score`: how well the movement before the present rest was done, if its label has
+    `repeated` says more about them. `score`: how well the last movement that is over was done, if its label has
     reference takes. In version 2 `scene` and `observer` may be omitted, because the key carries them.
 
     Raises ValueError for what is no distribution.

@@ -19,7 +19,14 @@ from common.score import REMARK_LIMIT
 from fusion.engine.messages import PublishedFacets, Stamp
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.segments import MovementDecision, MovementProgress, PooledState, RepetitionCount, repetition_fields
+from fusion.engine.segments import (
+    NOTICED_S,
+    MovementDecision,
+    MovementProgress,
+    PooledState,
+    RepetitionCount,
+    repetition_fields,
+)
 from fusion.score_pool import JudgedScore, pooled_remarks, pooled_score
 
 SMALLEST = 1e-12
@@ -218,14 +225,16 @@ def _seconds(seconds: float) -> str:
 def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> VerdictMessage:
     """The verdict with the pooled score of its movement, if it has ended and an observer has scored it as its label.
 
-    A score of what ended before this movement began is of an earlier one, and not used (docs/design/score.md).
+    A score of what ended before this movement began, or well before it ended, is of an earlier one or of a part of it,
+    and not used (docs/design/score.md).
     """
     if verdict.ended_ns is None:
         return verdict
+    earliest_ns = max(verdict.began_ns, verdict.ended_ns - 2 * round(NOTICED_S * SECOND_NS))
     judged = {
         each.observer: each.score
         for each in posteriors
-        if each.score is not None and each.score.label == verdict.label and each.score.ended_ns > verdict.began_ns
+        if each.score is not None and each.score.label == verdict.label and each.score.ended_ns > earliest_ns
     }
     if not judged:
         return verdict

@@ -31,8 +31,8 @@ class Posterior:
     frame. facets: distributions over the values of facets (common.facets), where available. facing: (M, K)
     P(facing | movement), None for a model with one facing. unlearned: P(none of the vocabulary), None if the model
     cannot tell. repetitions, repeated: of the likeliest movement, None unless it is periodic. judged: whether the
-    newest frame is judged too; an observer in a hurry only follows some of them. score: of the movement before this
-    rest, None unless the model has references of it.
+    newest frame is judged too; an observer in a hurry only follows some of them. score: of the last movement
+    that is over, None unless the model has references of it.
     """
 
     p: Floats
@@ -130,7 +130,7 @@ class Observer:
         facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
         watch, frames = self.watch, self._frames
         counts = watch.repetitions, watch.repeated
-        score = self._scorer.update(watch, p, unlearned, self._captured_ns) if self._scorer and judged else None
+        score = self._scorer.update(watch, p, self._captured_ns) if self._scorer and judged else None
         return Posterior(p, watch.rest, frames, visible, facets, facing, unlearned, *counts, judged, score)
 
 

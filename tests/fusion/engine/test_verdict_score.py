@@ -38,11 +38,12 @@ def test_the_ended_verdict_has_the_pooled_score_and_what_half_of_the_judges_rema
     assert verdict.remarks == ["left knee: 12 degrees too straight at 60 %"]
 
 
-def test_a_score_of_another_label_or_of_an_earlier_movement_is_not_used():
+def test_a_score_of_another_label_or_of_an_earlier_movement_or_of_a_part_is_not_used():
     def scores(driver):
         return {
             "door": scored(driver, 1.0, label="lunge"),
             "wheel": scored(driver, 2.0, ago_s=30.0),
+            "back": scored(driver, 3.0, ago_s=0.9),
             "table": scored(driver, 6.0, certainty=0.8),
         }
 

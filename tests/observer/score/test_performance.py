@@ -75,8 +75,8 @@ def test_a_performance_is_scored_once_when_its_rest_begins(model, shown, monkeyp
     after = [scores[n] for n in range(first.end, second.start) if scores[n] is not None]
     assert after and after[-1].label == "byebye" and 0 <= after[-1].score <= 10 and after[-1].certainty == 1
     assert 0 <= after[-1].ended_ns / SECOND_NS - 100 - first.end / RATE_HZ < 1
-    # The next movement has no references, and the score of the one before does not outlive its begin for long.
-    assert all(scores[n] is None for n in range(second.start + 10, len(said) - 1))
+    # The next movement has no references: its end is the end of the score of the one before.
+    assert all(scores[n] == after[-1] for n in range(second.start, second.end - 1)) and said[-2][2].score is None
     assert len(judged) <= 2
 
 
@@ -171,20 +171,20 @@ class RestingWatch:
         return self.trace, np.ones((self.trace.shape[1] - 3) // 2)
 
 
-def test_a_flicker_of_rest_costs_nothing_and_another_label_is_scored_anew(model, monkeypatch):
+def test_a_flicker_of_rest_costs_nothing_and_each_movement_is_scored_once(model, monkeypatch):
     judged, judge = [], ReferenceTakes.judge
     monkeypatch.setattr(ReferenceTakes, "judge", lambda *args: judged.append(1) or judge(*args))
     scorer, watch = PerformanceScorer(model.header), RestingWatch(model.header.references["byebye"].takes[0].trace)
     sure, other = np.array([0.9, 0.05, 0.05]), np.array([0.05, 0.9, 0.05])
     for n in range(20):
         watch.performed = 0 if n % 2 else 30 + n // 10
-        score = scorer.update(watch, sure, 0.0, n * SECOND_NS // 15)
+        score = scorer.update(watch, sure, n * SECOND_NS // 15)
     assert score.label == "byebye" and len(judged) == 1
     watch.performed = 30
-    assert scorer.update(watch, other, 0.0, 2 * SECOND_NS) is None, "no references of it"
-    assert scorer.update(watch, sure, 0.8, 2 * SECOND_NS) is None, "something else"
-    assert scorer.update(watch, sure, 0.0, 2 * SECOND_NS) == score and len(judged) == 1
+    assert scorer.update(watch, other, 2 * SECOND_NS) == score and len(judged) == 1
     watch.performed = 60
-    assert scorer.update(watch, sure, 0.0, 4 * SECOND_NS).ended_ns == 4 * SECOND_NS and len(judged) == 2
-    watch.performed = 0
-    assert scorer.update(watch, sure, 0.0, 6 * SECOND_NS) is None
+    assert scorer.update(watch, sure, 4 * SECOND_NS).ended_ns == 4 * SECOND_NS and len(judged) == 2
+    watch.performed = 30
+    assert scorer.update(watch, other, 5 * SECOND_NS) is None, "no references of it"
+    watch.performed, watch.trace = 60, watch.trace[:6]
+    assert scorer.update(watch, sure, 6 * SECOND_NS) is None, "a part of the movement"
