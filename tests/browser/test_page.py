@@ -65,6 +65,18 @@ def test_a_verdict_is_on_the_page_within_300_ms(play, look):
     assert "Verdict: ok" in page.inner_text("#announcement"), "a screen reader announces it"
 
 
+def test_a_score_is_in_the_row_of_its_verdict_and_why_has_the_remarks(play, look):
+    scene, dashboard = play()
+    page = look(dashboard.url)
+    remarks = ["left knee: 12 degrees too straight at 60 %"]
+    scene.publish_verdict("ok", 90, ended=True, score=7.84, scores={"cam1": 7.1, "cam2": 8.6}, remarks=remarks)
+    page.wait_for_function(f"label => ({SHOWN})(label).then(() => true)", arg="ok, 7.8 of 10")
+    page.get_by_role("button", name="Why? ok").first.click()
+    why = page.inner_text("#verdicts tr.why:not([hidden])")
+    assert "Scored 7.8 of 10 against the reference takes: cam1 7.1, cam2 8.6." in why
+    assert "Left knee: 12 degrees too straight at 60 %." in why
+
+
 def test_a_killed_observer_is_shown_within_two_seconds(play, look, observer):
     scene, dashboard = play()
     process = observer(scene.endpoint)

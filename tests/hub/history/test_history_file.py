@@ -54,6 +54,17 @@ def test_the_last_word_on_a_movement_is_kept(path, make):
     assert path.stat().st_mode & 0o077 == 0
 
 
+def test_a_score_is_kept_with_those_of_the_judges(path, make):
+    remarks = ["left knee: 12 degrees too straight at 60 %"]
+    with HistoryFile.to_write(path) as file:
+        file.add(row_of(make.verdict(ended_ns=NOON, score=7.84, scores={"cam1": 7.84}, remarks=remarks)))
+        (kept,) = file.select(HistoryQuery())
+    fields = kept.as_json()
+    assert (fields["score"], fields["scores"], fields["remarks"]) == (7.84, {"cam1": 7.84}, remarks)
+    assert "nthrow 7.8 of 10" in row_line(kept)[1] and kept.as_page()[-1] == 7.84
+    assert row().as_page()[-1] is None
+
+
 def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
     with HistoryFile.to_write(path) as file:
         assert row_of(fall("low")) is None and row_of(fall("up", id=None)) is None

@@ -10,7 +10,7 @@ from common.errors import BadInput
 from common.messages import Contribution
 from hub.mqtt.bridge import WAITING_LIMIT, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
-from hub.mqtt.events import EVENT_S, recalled_ns, verdict_event
+from hub.mqtt.events import EVENT_S, last_verdict_state, recalled_ns, verdict_event
 from hub.mqtt.states import FAST_S, PRESENT_S, REPEAT_S, SLOW_S
 from hub.scene_state import SceneState
 from hub.session import SceneListener
@@ -299,6 +299,14 @@ def test_a_verdict_event_has_facets_and_contributions(make):
     assert event["facets"]["effort_time"] == {"pole": "sudden", "probability": 80}
     unknown = verdict_event(make.verdict(1), "decided")
     assert [unknown[each] for each in ("facets", "facing", "contributions", "unlearned")] == [None] * 4
+
+
+def test_an_ended_verdict_has_its_score_and_others_have_none(make):
+    how = {"score": 7.84, "scores": {"cam1": 7.84}, "remarks": ["left knee: 12 degrees too straight at 60 %"]}
+    verdict = make.verdict(1, ended_ns=make.NOON, **how)
+    for fields in (verdict_event(verdict, "ended"), json.loads(last_verdict_state(verdict))):
+        assert (fields["score"], fields["scores"], fields["remarks"]) == (7.8, {"cam1": 7.8}, how["remarks"])
+    assert not {"score", "scores", "remarks"} & verdict_event(make.verdict(1), "decided").keys()
 
 
 def test_an_observers_reliability_is_a_diagnosis(driver, make):

@@ -10,7 +10,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning.editing import remove_movements
+from observer.learning.editing import add_movements, remove_movements
 from observer.learning.learn import learn_view
 from observer.learning.references import with_references
 from observer.model.model_file import read_model, write_model
@@ -127,6 +127,12 @@ def test_a_damaged_file_is_one_line(model, tmp_path):
 def test_a_movement_that_is_forgotten_leaves_no_reference(model):
     assert not remove_movements(model, ["byebye"]).header.references
     assert set(remove_movements(model, ["stretch"]).header.references) == {"byebye"}
+
+
+def test_a_movement_that_is_added_changes_no_reference(model):
+    more = perform(people=("1", "2"), movements=("maestro",), trials=2)
+    edited = add_movements(model, more, VIEW).model
+    assert edited.header.references == model.header.references and "maestro" in edited.header.vocabulary.labels
 
 
 @pytest.mark.parametrize(
