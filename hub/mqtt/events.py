@@ -149,11 +149,9 @@ def _facts(verdict: VerdictMessage) -> dict[str, Any]:
 
 
 def _score(verdict: VerdictMessage) -> dict[str, Any]:
-    """The score, of a movement that has one."""
-    if verdict.score is None:
-        return {}
-    scores = {name: rounded(score, 1) for name, score in (verdict.scores or {}).items()}
-    return {"score": rounded(verdict.score, 1), "scores": scores, "remarks": verdict.remarks or []}
+    """The score of an ended movement, and how it comes about; null without one."""
+    scores = verdict.scores and {name: rounded(score, 1) for name, score in verdict.scores.items()}
+    return {"score": rounded(verdict.score, 1), "scores": scores, "remarks": verdict.remarks}
 
 
 def _contributions(verdict: VerdictMessage) -> dict[str, Any] | None:
