@@ -150,7 +150,7 @@ def _facts(verdict: VerdictMessage) -> dict[str, Any]:
 
 def _score(verdict: VerdictMessage) -> dict[str, Any]:
     """The score of an ended movement, and how it comes about; null without one."""
-    scores = verdict.scores and {name: rounded(score, 1) for name, score in verdict.scores.items()}
+    scores = None if verdict.scores is None else {name: round(score, 1) for name, score in verdict.scores.items()}
     return {"score": rounded(verdict.score, 1), "scores": scores, "remarks": verdict.remarks}
 
 
