@@ -72,9 +72,9 @@ def queries(path: Path) -> None:
         for _ in range(ROUNDS):
             begun_s = time.process_time()
             with HistoryFile.to_read(path) as file:
-                found = [row.as_page() for row in file.select(query)]
+                rows = [row.as_page() for row in file.select(query)]
             times_s.append(time.process_time() - begun_s)
-        print(f"{name:<18} {1e3 * median(times_s):5.1f} ms, at most {1e3 * max(times_s):5.1f} ms, {len(found)} rows")
+        print(f"{name:<18} {1e3 * median(times_s):5.1f} ms, at most {1e3 * max(times_s):5.1f} ms, {len(rows)} rows")
     scene = path.with_name("scene.toml")
     scene.write_text(f'scene = "room"\n[observers.cam1]\nsource = "a.npz"\n[history]\nfile = "{path.name}"\n')
     times_s = []

@@ -49,10 +49,10 @@ def answer(route: Route, pages: StaticPages) -> None:
     if not path:
         route.fulfill(status=200, body=BLANK, content_type="text/html")
         return
-    found = pages.answer(f"/{path}", "")
-    headers = dict(found.headers)
-    body = gzip.decompress(found.body) if headers.pop("content-encoding", "") else found.body
-    route.fulfill(status=found.status, headers=headers, body=body)
+    page = pages.answer(f"/{path}", "")
+    headers = dict(page.headers)
+    body = gzip.decompress(page.body) if headers.pop("content-encoding", "") else page.body
+    route.fulfill(status=page.status, headers=headers, body=body)
 
 
 def encoded(clip: Clip) -> list[str]:

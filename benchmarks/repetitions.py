@@ -153,8 +153,8 @@ def _by_exercise(watched: Sequence[_CountedSet]) -> Iterable[str]:
             course, ends = each.fused(PAIR), each.take.ends
             of_label.append(course[-1].done - len(ends))
             late += _delays_s(course, ends, each.rate_hz)
-            told = partial[each.take.is_correct]
-            told[0], told[1] = told[0] + course[-1].partial, told[1] + course[-1].done
+            sums = partial[each.take.is_correct]
+            sums[0], sums[1] = sums[0] + course[-1].partial, sums[1] + course[-1].done
         errors += of_label
         late_s += late
         rows.append([label, *_shares(of_label), f"{np.median(late):+.2f}", ", ".join(f"{e:+d}" for e in of_label if e)])

@@ -115,8 +115,8 @@ def _remark(
 ) -> None:
     """Note whether unchanged takes have no remark, and whether the first remark names the limb of a bent joint."""
     for take in takes[:PER_PERSON]:
-        told = bool(agreed_remarks(_scores(known, take, parts)))
-        remarked.setdefault(f"{name}, unchanged", []).append((not told, told))
+        is_remarked = bool(agreed_remarks(_scores(known, take, parts)))
+        remarked.setdefault(f"{name}, unchanged", []).append((not is_remarked, is_remarked))
         for joint in joints_of(parts):
             remarks = agreed_remarks(_scores(known, bent(take, joint.name, parts), parts))
             right = bool(remarks) and remarks[0].limb == joint.limb
@@ -185,7 +185,7 @@ def _remarks(remarked: Mapping[str, Sequence[tuple[bool, bool]]]) -> Iterator[st
                 name,
                 str(len(results)),
                 f"{np.mean([right for right, _ in results]):.0%}",
-                f"{np.mean([told for _, told in results]):.0%}",
+                f"{np.mean([any_remark for _, any_remark in results]):.0%}",
             ]
         )
     for who in ("of others", "of the same person"):
@@ -200,7 +200,7 @@ def _remarks(remarked: Mapping[str, Sequence[tuple[bool, bool]]]) -> Iterator[st
                 f"{who}, all joints",
                 str(len(own)),
                 f"{np.mean([right for right, _ in own]):.0%}",
-                f"{np.mean([told for _, told in own]):.0%}",
+                f"{np.mean([any_remark for _, any_remark in own]):.0%}",
             ]
         )
     yield markdown_table(("references", "takes", "right", "any remark"), rows)

@@ -103,7 +103,9 @@ def _prepare(path: Path, connection: sqlite3.Connection, version: int, schema: S
 
 
 def _require_version(path: Path, connection: sqlite3.Connection, version: int) -> int:
-    found: int = connection.execute("PRAGMA user_version").fetchone()[0]
-    if found > version:
-        raise DatabaseFault(f"{path}: of version {found}, written by a newer labanmesh; this one reads up to {version}")
-    return found
+    written: int = connection.execute("PRAGMA user_version").fetchone()[0]
+    if written > version:
+        raise DatabaseFault(
+            f"{path}: of version {written}, written by a newer labanmesh; this one reads up to {version}"
+        )
+    return written

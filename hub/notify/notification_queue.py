@@ -52,8 +52,8 @@ class NotificationQueue:
         with self._lock, transaction(self.path, self._connection) as connection:
             if self._is_told(connection, name, note, config.cooldown_s):
                 return 0
-            told = (name, note.key, note.label, note.at_ns)
-            connection.execute("INSERT INTO told (name, key, label, at_ns) VALUES (?, ?, ?, ?)", told)
+            entry = (name, note.key, note.label, note.at_ns)
+            connection.execute("INSERT INTO told (name, key, label, at_ns) VALUES (?, ?, ?, ?)", entry)
             connection.execute("DELETE FROM told WHERE seq <= (SELECT max(seq) FROM told) - ?", (TOLD_LIMIT,))
             row = (name, now_ns, json.dumps(dict(request.headers)), request.body)
             connection.execute("INSERT INTO waiting (name, since_ns, headers, body) VALUES (?, ?, ?, ?)", row)

@@ -63,8 +63,8 @@ class StaticPages:
 
     def answer(self, path: str, host: str) -> Answer:
         """The answer to GET `path`; host: as the browser names this server, for the policy."""
-        found = self._answers.get(path.partition("?")[0], Answer(404, b"not found\n", {"content-type": "text/plain"}))
-        return Answer(found.status, found.body, {**HEADERS, "content-security-policy": policy(host), **found.headers})
+        known = self._answers.get(path.partition("?")[0], Answer(404, b"not found\n", {"content-type": "text/plain"}))
+        return Answer(known.status, known.body, {**HEADERS, "content-security-policy": policy(host), **known.headers})
 
 
 def policy(host: str) -> str:

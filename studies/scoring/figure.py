@@ -21,9 +21,10 @@ def score_figure(title: str, band: Band, remarks: Sequence[Remark]) -> str:
     chosen = [names.index(each.joint) for each in remarks if each.joint in names]
     chosen = (chosen + [int(n) for n in off if int(n) not in chosen])[:SHOWN]
     height = TITLE + (HEIGHT + EDGE) * len(chosen)
-    said = {each.joint: each.words for each in remarks}
+    words_of = {each.joint: each.words for each in remarks}
     panels = [
-        _panel(band, n, TITLE + place * (HEIGHT + EDGE), said.get(names[n], names[n])) for place, n in enumerate(chosen)
+        _panel(band, n, TITLE + place * (HEIGHT + EDGE), words_of.get(names[n], names[n]))
+        for place, n in enumerate(chosen)
     ]
     size = f'width="{WIDTH + 2 * EDGE}" height="{height}"'
     name = escape(title)
