@@ -1,5 +1,6 @@
 """The process behind `labanmesh hub events`: keeps what happens in a scene, and tells others of it."""
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from hub.notify.notifying import Notifying
 from hub.notify.sender import Pauses
 from hub.session import listen
 
+log = logging.getLogger("labanmesh.events")
 NOTHING = (
     'nothing to do: the scene file has neither [history] with file = "history.db" nor [notify.NAME] '
     "(docs/guide/history.md, docs/guide/notify.md)"
@@ -37,6 +39,7 @@ def serve(
     notifying = Notifying(scene, time.monotonic, clock, pauses)
     supervisor = Notifier.from_environment()
     stages: dict[str, str] = {}
+    log.info("%s: %s", scene.scene, _purpose(scene))
     try:
         with supervisor, instrumented([scene], "events") as instrumentation:
             for update in listen(scene, link, lambda: not stop.is_set(), clock, newest_only=True):
@@ -55,6 +58,11 @@ def serve(
         notifying.close()
         if keeper is not None:
             keeper.close()
+
+
+def _purpose(scene: Scene) -> str:
+    kept = f"history in {scene.place(scene.history.file)}" if scene.history.file else "no history"
+    return f"{kept}; tells {', '.join(scene.notify) if scene.notify else 'nobody'}"
 
 
 def require_something(scene: Scene) -> None:

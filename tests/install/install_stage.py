@@ -1,6 +1,7 @@
 """Environments with the wheel and one extra each, files to work on, and the smallest job of each verb."""
 
 import csv
+import os
 import re
 import shutil
 import signal
@@ -22,8 +23,21 @@ CAMERAS = re.search(r"\(CAMERAS\) '\.\[([\w,]+)\]'", MAKEFILE)[1]
 """The extras of `make install`."""
 ARM = "observer,mqtt,dashboard"
 """Those of the Home Assistant app where mediapipe has no wheel."""
-INCLUDES = {"mediapipe": {"observer"}, "all": {"observer", "report", "capture", "mqtt", "dashboard"}}
-ENVIRONMENTS = ("", "observer", "report", "capture", "mqtt", "dashboard", "testing", "all", ARM, "mediapipe", CAMERAS)
+INCLUDES = {"mediapipe": {"observer"}, "all": {"observer", "report", "capture", "mqtt", "dashboard", "phone"}}
+ENVIRONMENTS = (
+    "",
+    "observer",
+    "report",
+    "capture",
+    "mqtt",
+    "dashboard",
+    "phone",
+    "testing",
+    "all",
+    ARM,
+    "mediapipe",
+    CAMERAS,
+)
 """Extras that are installed together; mediapipe, a gigabyte, last."""
 LIMIT_S = 240.0
 """For one job, on a machine that is busy with others."""
@@ -64,6 +78,18 @@ JOBS = (
     Job("capture", "capture room.toml -o new.mcap --for 0.5", "capture", line="new.mcap: 0 messages"),
     Job("replay", "replay day.mcap", "capture", status=1, line="nothing to judge"),
     Job("hub", "hub mqtt broker.toml", "mqtt", line="127.0.0.1", ended=True),
+    Job("hub events", "hub events kept.toml", line="history in", ended=True),
+    Job("count", "count room.toml byebye --for 0.5 --json"),
+    Job("history", "history kept.toml", status=1, line="nothing has been kept yet"),
+    Job("notify", "notify kept.toml", line="0 waiting"),
+    Job("phone --list", "phone phone.toml --list", line="labanmesh phone SCENE shows a code"),
+    Job(
+        "phone",
+        "phone phone.toml --for 0.5 --listen 127.0.0.1:0 --host localhost",
+        "phone",
+        1,
+        "labanmesh phone --fetch",
+    ),
     Job("dashboard", "dashboard room.toml --for 1 --listen 127.0.0.1:0", "dashboard", line="shows scene room"),
     Job("dashboard --teach", "dashboard room.toml --teach --for 1 --listen 127.0.0.1:0", "dashboard", line="/teach"),
     Job("import", "import csv wave.csv -o new.npz", line="1 recording"),
@@ -90,6 +116,7 @@ JOBS = (
         line="written",
     ),
     Job("evaluate pixels", "evaluate known.npz --views yaw:30 --through pixels", "observer", line="from pixels"),
+    Job("score", "score known.npz --label byebye", line="byebye"),
     Job("effort", "effort effort.npz --views door", line="accuracy"),
 )
 
@@ -116,6 +143,10 @@ def write_material(folder):
         "room": room,
         "broker": room + STUB_BROKER,
         "film": SCENE.format("film") + film,
+        "kept": SCENE.format("kept")
+        + '[history]\nfile = "kept.db"\n[notify.lamp]\nurl = "http://127.0.0.1:9/"\n'
+        + OBSERVER.format("sofa", "performance.npz", "yaw:30"),
+        "phone": SCENE.format("phone") + OBSERVER.format("sofa", "phone", "yaw:30"),
         "seen": SCENE.format("seen")
         + "".join(film.replace("yaw:30", "camera.toml").replace("sofa", name) for name in ("sofa", "shelf")),
     }
@@ -194,6 +225,8 @@ class Environment:
         """Status, stdout and stderr of a command of this environment; SIGTERM after a line that holds `stop_at`."""
         command = [self.place / "bin" / words[0], *words[1:]]
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        # The pose model for phones, 40 MB, is not fetched here.
+        pipes["env"] = {**os.environ, "LABANMESH_PHONE_FILES": str(folder / "no_pose_model")}
         with subprocess.Popen(command, cwd=folder, **pipes) as process:
             limit = threading.Timer(LIMIT_S, process.kill)
             limit.start()
