@@ -20,7 +20,7 @@ environment = $(PYTHON) deploy/make_environment.py --target '$(or $(MAKECMDGOALS
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 20
 
-install: $(CAMERAS)/.ready   ## labanmesh for your own cameras: mediapipe, dashboard and MQTT, in an environment of its own
+install: $(CAMERAS)/.ready   ## labanmesh for your own cameras: mediapipe, dashboard, phones and MQTT, in an environment of its own
 	@echo "next: $(CAMERAS)/bin/labanmesh init"
 
 demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
@@ -113,7 +113,7 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 
 $(CAMERAS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt]' --packages 54 --no-windows
+	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt,phone]' --packages 56 --no-windows
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh

@@ -24,20 +24,8 @@ CAMERAS = re.search(r"\(CAMERAS\) '\.\[([\w,]+)\]'", MAKEFILE)[1]
 ARM = "observer,mqtt,dashboard"
 """Those of the Home Assistant app where mediapipe has no wheel."""
 INCLUDES = {"mediapipe": {"observer"}, "all": {"observer", "report", "capture", "mqtt", "dashboard", "phone"}}
-ENVIRONMENTS = (
-    "",
-    "observer",
-    "report",
-    "capture",
-    "mqtt",
-    "dashboard",
-    "phone",
-    "testing",
-    "all",
-    ARM,
-    "mediapipe",
-    CAMERAS,
-)
+ALONE = ("", "observer", "report", "capture", "mqtt", "dashboard", "phone", "testing")
+ENVIRONMENTS = (*ALONE, "all", ARM, "mediapipe", CAMERAS)
 """Extras that are installed together; mediapipe, a gigabyte, last."""
 LIMIT_S = 240.0
 """For one job, on a machine that is busy with others."""
