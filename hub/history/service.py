@@ -18,7 +18,7 @@ from hub.notify.notifying import Notifying
 from hub.notify.sender import Pauses
 from hub.session import listen
 
-log = logging.getLogger("labanmesh.events")
+log = logging.getLogger("labanmesh.hub")
 NOTHING = (
     'nothing to do: the scene file has neither [history] with file = "history.db" nor [notify.NAME] '
     "(docs/guide/history.md, docs/guide/notify.md)"

@@ -21,11 +21,13 @@ ROOT = Path(__file__).parents[2]
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
 CAMERAS = re.search(r"\(CAMERAS\) '\.\[([\w,]+)\]'", MAKEFILE)[1]
 """The extras of `make install`."""
+APP = "mediapipe,mqtt,dashboard"
+"""Those of the Home Assistant app."""
 ARM = "observer,mqtt,dashboard"
-"""Those of the Home Assistant app where mediapipe has no wheel."""
+"""The same where mediapipe has no wheel."""
 INCLUDES = {"mediapipe": {"observer"}, "all": {"observer", "report", "capture", "mqtt", "dashboard", "phone"}}
 ALONE = ("", "observer", "report", "capture", "mqtt", "dashboard", "phone", "testing")
-ENVIRONMENTS = (*ALONE, "all", ARM, "mediapipe", CAMERAS)
+ENVIRONMENTS = (*ALONE, "all", ARM, "mediapipe", APP, CAMERAS)
 """Extras that are installed together; mediapipe, a gigabyte, last."""
 LIMIT_S = 240.0
 """For one job, on a machine that is busy with others."""
