@@ -63,12 +63,7 @@ def phone(
     config = read_scene(scene)
     file = _register_file(config)
     if show_list or revoke is not None:
-        if revoke is not None:
-            config.observer(revoke)
-            file.revoke(revoke)
-            typer.echo(f"{revoke}: revoked")
-        if show_list:
-            _list(file)
+        _manage(config, file, show_list, revoke)
         return
     from hub.phone.running import PhoneRun, run_phones
 
@@ -78,6 +73,15 @@ def phone(
             config, _observers(config, observer), file, Address.parse(listen, "--listen"), names, certificate, for_s
         )
     )
+
+
+def _manage(scene: "Scene", file: "RegisterFile", show_list: bool, revoke: str | None) -> None:
+    if revoke is not None:
+        scene.observer(revoke)
+        file.revoke(revoke)
+        typer.echo(f"{revoke}: revoked")
+    if show_list:
+        _list(file)
 
 
 def _fetch(source: Path | None) -> None:

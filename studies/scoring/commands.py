@@ -14,6 +14,7 @@ from common.text import plural, split_list
 
 if TYPE_CHECKING:
     from observer.motion.archive import Recording
+    from studies.scoring.judging import ScoredPerformance
 
 DEFAULT_VIEWS = "door,wheel,yaw:45,yaw:315"
 
@@ -41,7 +42,6 @@ def score(
     from observer.motion.archive import movements_in
     from observer.motion.archive_file import read_archive
     from studies.output_files import make_folder
-    from studies.scoring.figure import score_figure
     from studies.scoring.judging import Judges
 
     archive = read_archive(performances)
@@ -64,19 +64,22 @@ def score(
             bar("scoring", n, len(performed))
             others = [take for take in takes if take.label == each.label and not (is_same and _are_one(take, each))]
             own = [take for take in others if references is not None or take.subject != each.subject]
-            judged = judges.judge(each, own)
-            words = f"{each.label}, person {each.subject}, trial {each.trial}"
-            fields = judged.as_fields()
-            if as_json:
-                print(
-                    json.dumps({"label": each.label, "subject": each.subject, "trial": each.trial, **fields}),
-                    flush=True,
-                )
-            else:
-                print("\n".join(lines_of(words, fields)), flush=True)
-            if report is not None and (best := judged.figure_of()) is not None:
-                name = f"{each.label}-{each.subject}-{each.trial}.svg".replace("/", "_")
-                (report / name).write_text(score_figure(words, best, judged.remarks), encoding="utf-8")
+            _show(each, judges.judge(each, own), report, as_json)
+
+
+def _show(performance: "Recording", judged: "ScoredPerformance", report: Path | None, as_json: bool) -> None:
+    """Print one result, and draw its figure into `report`."""
+    from studies.scoring.figure import score_figure
+
+    label, subject, trial = performance.label, performance.subject, performance.trial
+    words, fields = f"{label}, person {subject}, trial {trial}", judged.as_fields()
+    if as_json:
+        print(json.dumps({"label": label, "subject": subject, "trial": trial, **fields}), flush=True)
+    else:
+        print("\n".join(lines_of(words, fields)), flush=True)
+    if report is not None and (best := judged.figure_of()) is not None:
+        name = f"{label}-{subject}-{trial}.svg".replace("/", "_")
+        (report / name).write_text(score_figure(words, best, judged.remarks), encoding="utf-8")
 
 
 def _are_one(one: "Recording", other: "Recording") -> bool:
