@@ -129,6 +129,8 @@ def _choice(section: "ObserverConfig", saves_skin: bool) -> "tuple[TrackerChoice
     from common.tracker_choice import AUTO, TrackerChoice, chosen_tracker, content_of
     from observer.tracking.registry import tracker_named
 
+    if content_of(section.source) == "tracks":
+        raise BadInput(f"{section.source}: sends tracks and no pictures; labanmesh watch SCENE shows what it sees")
     choice = chosen_tracker(section)
     if section.tracker == AUTO and content_of(section.source) == "positions":
         choice = TrackerChoice("camshift", "pose models do not find drawn people")

@@ -72,6 +72,7 @@ def test_a_marked_face_is_enough(run, waving):
     [
         ("gone.mp4", "gone.mp4: no such file"),
         ("gone.npz", "gone.npz"),
+        ("phone", "phone: sends tracks and no pictures; labanmesh watch SCENE shows what it sees"),
         ("motion.npz --tracker camshaft", "did you mean camshift"),
         ("motion.npz --tracker projected", "--tracker = 'projected'"),
         # The options first, and then whether there is such a camera.
