@@ -2,6 +2,9 @@
 
 import socket
 
+from common.address import Address
+from common.errors import LabanmeshError
+
 ELSEWHERE = ("192.0.2.1", 9)
 """An address that nobody has (RFC 5737); nothing is sent to it."""
 
@@ -14,3 +17,16 @@ def lan_address() -> str:
             return str(probe.getsockname()[0])
         except OSError:
             return socket.gethostname()
+
+
+def bound_socket(address: Address, setting: str) -> socket.socket:
+    """The listening socket; raises LabanmeshError, one line, when the address of `setting` cannot be used."""
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    try:
+        return socket.create_server((address.host, address.port), family=family)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise LabanmeshError(
+            f"{setting} = {str(address)!r}: {reason}; stop the other process or choose another port with "
+            "--listen HOST:PORT"
+        ) from None

@@ -88,12 +88,18 @@ def _serve(run: DashboardRun) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from common.notify import Notifier
-    from hub.dashboard.serving import ServingRun, bound_socket, serve_capture, serve_scene
+    from hub.dashboard.access import LISTEN_KEY
+    from hub.dashboard.serving import ServingRun, serve_capture, serve_scene
     from hub.instrumentation import instrumented
+    from hub.lan import bound_socket
 
     log_to_stderr()
     scene, address = run.scene, run.address
-    with bound_socket(address) as port, stop_on_signals() as stop, Notifier.from_environment() as supervisor:
+    with (
+        bound_socket(address, LISTEN_KEY) as port,
+        stop_on_signals() as stop,
+        Notifier.from_environment() as supervisor,
+    ):
         own = Address(address.host, port.getsockname()[1])
         setup, serving = _setup(run), ServingRun(stop, run.for_s, supervisor.alive)
         if run.timeline is not None:

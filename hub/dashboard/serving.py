@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING
 import uvicorn
 
 from common import SECOND_NS
-from common.address import Address
-from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import VerdictMessage
-from hub.dashboard.access import LISTEN_KEY, AccessControl
+from hub.dashboard.access import AccessControl
 from hub.dashboard.application import Stream, application
 from hub.dashboard.connections import accept_connections, protocol_in, table_for_this_process
 from hub.dashboard.history import CaptureTimeline, SceneHistory
@@ -60,19 +58,6 @@ class ServingRun:
     alive: Callable[[], None] = lambda: None
     record: Callable[[SceneUpdate], None] = lambda update: None
     ended: threading.Event = field(default_factory=threading.Event)
-
-
-def bound_socket(address: Address) -> socket.socket:
-    """The listening socket; raises LabanmeshError, one line, when the address cannot be used."""
-    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
-    try:
-        return socket.create_server((address.host, address.port), family=family)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise LabanmeshError(
-            f"{LISTEN_KEY} = {str(address)!r}: {reason}; stop the other process or choose another port with "
-            "--listen HOST:PORT"
-        ) from None
 
 
 def follow(

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.address import ANY_HOST, Address
-from common.errors import LabanmeshError
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
 from hub.instrumentation import instrumented
+from hub.lan import bound_socket
 from hub.phone.code_page import ShownCodes, code_page, terminal_code
 from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.register_file import RegisterFile
@@ -58,8 +58,8 @@ def run_phones(run: PhoneRun) -> None:
     )
     scene = run.scene
     with (
-        _bound(run.listen, "--listen") as port,
-        _bound(Address("127.0.0.1", _next(port)), "the port above --listen") as local,
+        bound_socket(run.listen, "--listen") as port,
+        bound_socket(Address("127.0.0.1", _next(port)), "the port above --listen") as local,
         stop_on_signals() as stop,
         Notifier.from_environment() as supervisor,
         instrumented([scene], "phone") as instrumentation,
@@ -146,14 +146,3 @@ def _texts(run: PhoneRun, web: WebCertificate) -> dict[str, str]:
 def _next(port: socket.socket) -> int:
     number = int(port.getsockname()[1])
     return number + 1 if number < 65535 else 0
-
-
-def _bound(address: Address, setting: str) -> socket.socket:
-    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
-    try:
-        return socket.create_server((address.host, address.port), family=family)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise LabanmeshError(
-            f"{setting} = {str(address)!r}: {reason}; choose another with --listen HOST:PORT"
-        ) from None

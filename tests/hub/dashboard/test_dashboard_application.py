@@ -18,7 +18,7 @@ from common.wire import encode
 from hub.dashboard.access import COOKIE, AccessControl, checked_token, is_loopback
 from hub.dashboard.application import STATIC, application
 from hub.dashboard.commands import dashboard
-from hub.dashboard.serving import bound_socket
+from hub.lan import bound_socket
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
 
@@ -140,7 +140,7 @@ def test_bad_input_is_one_line(scene_file, tmp_path):
 
 
 def test_a_port_in_use_is_one_line(scene_file):
-    with bound_socket(Address("127.0.0.1", 0)) as port:
+    with bound_socket(Address("127.0.0.1", 0), "--listen") as port:
         where = f"127.0.0.1:{port.getsockname()[1]}"
         message = refusal(LabanmeshError, scene_file(), listen=where)
     assert where in message and "in use" in message and "--listen" in message

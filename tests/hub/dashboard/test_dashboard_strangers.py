@@ -15,7 +15,8 @@ from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.connections import ConnectionTable, accept_connections, table_for_this_process
 from hub.dashboard.guesses import ADDRESSES_LIMIT, GUESSES, WINDOW_S, GuessLimit, address_group
-from hub.dashboard.serving import ServingRun, bound_socket
+from hub.dashboard.serving import ServingRun
+from hub.lan import bound_socket
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
 HOME, STRANGER = "192.168.1.5", "10.9.8.7"
@@ -66,7 +67,7 @@ def test_idle_connections_neither_fill_the_page_nor_stay(monkeypatch):
 
     async def main():
         app = application(AccessControl(None), lambda head: None, lambda: False)
-        with bound_socket(Address("127.0.0.1", 0)) as port:
+        with bound_socket(Address("127.0.0.1", 0), "--listen") as port:
             number, run = port.getsockname()[1], ServingRun(threading.Event())
             server = asyncio.create_task(serving._serve(app, port, run, lambda: None))
             crowd = [await get(number, idle=True) for _ in range(100)]
