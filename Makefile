@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 environment = $(PYTHON) deploy/make_environment.py --target '$(or $(MAKECMDGOALS),$@)'
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-install test-mediapipe test-browser phone-files guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help install demo test test-install test-mediapipe test-browser phone-files guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports surface check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 20
@@ -85,6 +85,9 @@ peers-transport: $(TRANSPORTS)/.ready   ## ours beside MQTT, NATS and ZeroMQ: th
 test-transports: $(TRANSPORTS)/.ready   ## the tests of that comparison, over every transport
 	@benchmarks/transports/install_brokers.sh
 	@LABANMESH_TRANSPORTS=1 $(TRANSPORTS)/bin/pytest -q -n0 tests/test_transports.py
+
+surface: $(VENV)/.ready  ## the public surface, written down anew: docs/reference/surface.txt and docs/reference/schema
+	@$(BIN)/python tests/shared/public_surface.py
 
 check: $(VENV)/.ready  ## lint and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy

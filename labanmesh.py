@@ -51,7 +51,6 @@ VERBS = {
     "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
     "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),
     "doctor": Verb("deploy.doctor.commands", "doctor", "find what is wrong with the machine, the scene and the mesh"),
-    "healthcheck": Verb("hub.healthcheck", "healthcheck", "check that a process is alive and ready, for containers"),
     "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
     "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
     "teach": Verb("hub.teaching.commands", "teach", "teach all observers of a running scene your own movements"),
@@ -59,45 +58,38 @@ VERBS = {
     "count": Verb("hub.counting.commands", "count", "count the repetitions of a movement live, with a target"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
-    "hub": Verb("hub.mqtt.commands", "hub", "connect scenes to Home Assistant through an MQTT broker"),
+    "hub": Verb(
+        "hub.mqtt.commands", "hub", "pass scenes on: to Home Assistant, to receivers of notifications, to a file"
+    ),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
     "phone": Verb("hub.phone.commands", "phone", "let a phone be the camera of an observer: only tracks leave it"),
     "history": Verb("hub.history.commands", "history", "list what happened in a scene, also as CSV or JSON"),
     "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
+    "camera": Verb("observer.camera.commands", "camera", "look through a camera, calibrate it, record with several"),
     "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
-    "calibrate": Verb("observer.calibration.commands", "calibrate", "make camera files from boards or known points"),
-    "look": Verb("observer.preview.commands", "look", "show what a tracker finds in a source"),
-    "record": Verb("observer.recording.commands", "record", "record a motion archive with several calibrated cameras"),
-    "place": Verb(
-        "observer.recording.commands", "place", "find where a person stands and faces, for models of camera files"
-    ),
     "learn": Verb("observer.learning.commands", "learn", "learn an observer's model for its view from recordings"),
     "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
-    "paper": Verb("studies.commands", "paper", "repeat the paper's three experiments beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
     "score": Verb("studies.scoring.commands", "score", "score performances against takes that show how it is done"),
-    "effort": Verb("studies.effort", "effort", "evaluate Effort on actions that were not used to learn it"),
 }
 
 OTHER_FORMS = {
+    ("doctor", "--ready"): Verb("hub.healthcheck", "ready", "whether a process does its work, for containers"),
+    ("evaluate", "--paper"): Verb("studies.commands", "paper", "the paper's experiments beside the paper's tables"),
+    ("evaluate", "--effort"): Verb("studies.effort", "effort", "Effort, on actions that were not learned"),
     ("forget", "--labels"): Verb("observer.learning.commands", "forget", "remove movements from a model"),
     ("teach", "--film"): Verb("observer.teaching.commands", "teach_from_films", "teach an observer from films"),
 }
 """Verbs that an option turns into another command."""
 
-EXTRAS = {
-    "cv2": "observer",
-    "scipy": "observer",
-    "matplotlib": "report",
-    "mcap": "capture",
-    "aiomqtt": "mqtt",
-    **dict.fromkeys(("websockets", "segno"), "phone"),
-    **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), "dashboard"),
+RENAMED = {
+    **{verb: f"camera {verb}" for verb in ("look", "calibrate", "place", "record")},
+    "paper": "evaluate --paper",
+    "effort": "evaluate --effort",
+    "healthcheck": "doctor --ready",
 }
-"""Libraries that a plain install lacks, and the extra that installs them."""
-SYSTEM_LIBRARY = "cannot open shared object file"
-"""The loader's error for a library of the system that is not installed."""
-INSTALL_LIBRARY = "install that library of the system (libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
+"""Verbs that have moved. Their old names answer for one release."""
+
 LINE_LIMIT = 2000
 INTERRUPTED = 130
 
@@ -191,39 +183,24 @@ def _dispatch(words: Sequence[str]) -> int:
     if words[0] in ("--version", "-V"):
         print(f"labanmesh {__version__}")
         return 0
+    if words[0] in RENAMED:
+        replacement = RENAMED[words[0]]
+        print(
+            f"labanmesh: {words[0]} is now `labanmesh {replacement}`; the old name goes with the next release",
+            file=sys.stderr,
+        )
+        words = [*replacement.split(), *words[1:]]
     if words[0] not in VERBS:
         raise _unknown(words[0])
     try:
         return _run(words[0], words[1:])
-    except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        if package not in EXTRAS:
-            raise
-        from common.errors import LabanmeshError
-
-        way_out = f"pip install 'labanmesh[{EXTRAS[package]}]'"
-        raise LabanmeshError(f"{words[0]}: {package} is not installed on this machine; {way_out}") from None
     except ImportError as error:
-        # The OpenCV that mediapipe brings draws windows, and wants the system's libGL.
-        if SYSTEM_LIBRARY not in str(error):
-            raise
         from common.errors import LabanmeshError
+        from common.missing_library import missing_library
 
-        raise LabanmeshError(f"{words[0]}: {' '.join(str(error).split())}; {INSTALL_LIBRARY}{_opencv()}") from None
-
-
-def _opencv() -> str:
-    """How to do without libGL, where an OpenCV with windows lies on top of the one without."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        installed = version("opencv-contrib-python")
-    except PackageNotFoundError:
-        return ""
-    return (
-        ", or put the OpenCV without windows on top: "
-        f"pip install --force-reinstall --no-deps opencv-python-headless=={installed}"
-    )
+        if fault := missing_library(error):
+            raise LabanmeshError(f"{words[0]}: {fault}") from None
+        raise
 
 
 def overview() -> str:
@@ -278,7 +255,8 @@ def _run(verb: str, words: Sequence[str]) -> int:
         # Typer names the parameter and the rule; the value is in what was typed.
         typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
         example = _example(verb, error) if text.startswith("Missing ") else ""
-        raise BadInput(f"{typed}: {text.rstrip('.')}{example}; see labanmesh {verb} --help") from None
+        path = getattr(getattr(error, "ctx", None), "command_path", f"labanmesh {verb}")
+        raise BadInput(f"{typed}: {text.rstrip('.')}{example}; see {path} --help") from None
     except SystemExit as ending:  # typer makes a status of 1 of a closed pipe
         raise ending.__context__ if isinstance(ending.__context__, BrokenPipeError) else ending from None
     except typer.Abort:

@@ -1,14 +1,28 @@
-"""Commands with many options take them as one dataclass, whose fields are the options."""
+"""What the command lines of several verbs share: options in one dataclass, and verbs with sub-verbs."""
 
 import inspect
 from collections.abc import Callable
 from functools import wraps
 from typing import TypeVar, get_type_hints
 
+import typer
+
 LONGEST_S = 366 * 86_400.0
 """The largest number of seconds for an option; the operating system does not wait for just any."""
 Options = TypeVar("Options")
 Status = TypeVar("Status")
+
+
+def sub_verbs(text: str) -> typer.Typer:
+    """A verb to which sub-verbs are added with `.command()`. text: its help, with an example."""
+    app = typer.Typer(
+        add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None, no_args_is_help=False, help=text
+    )
+    # With a single sub-verb Typer leaves its name out, unless there is a callback.
+    app.callback()(lambda: None)
+    # Tests read a verb's docstring.
+    app.info.help = app.__doc__ = text
+    return app
 
 
 def takes_options(command: Callable[[Options], Status]) -> Callable[..., Status]:

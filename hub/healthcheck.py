@@ -1,4 +1,4 @@
-"""The verb `labanmesh healthcheck`: whether a process, or a whole scene, is ready; for containers and scripts.
+"""`labanmesh doctor --ready`: whether a process, or a whole scene, is ready; for containers and scripts.
 
 1. If the scene has metrics.listen, the process itself is asked there: /readyz.
 2. Otherwise the mesh is queried for the status of the process, or of all of them.
@@ -26,19 +26,22 @@ MESH_TIMEOUT_S = 2.0
 HUBS = ("mqtt", "dashboard", "events")
 
 
-def healthcheck(
+def ready(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML).")] = Path("scene.toml"),
     process: Annotated[
         str, typer.Option(metavar="ID", help="An observer, a fusion service, or a hub: mqtt, dashboard, events.")
     ] = "",
+    only_ready: Annotated[
+        bool, typer.Option("--ready", show_default=False, help="Leave out all other checks of the doctor.")
+    ] = True,
 ) -> None:
     """Whether a process is ready: one line, exit status 0 or 1. Without --process: the one at metrics.listen, or all.
 
     With metrics.listen in the scene file the process itself is asked, at /readyz; otherwise the mesh is queried.
 
-    Example: labanmesh healthcheck scene.toml --process sofa
+    Example: labanmesh doctor --ready scene.toml --process sofa
 
-    Example: LABANMESH_METRICS_LISTEN=127.0.0.1:9465 labanmesh healthcheck scene.toml
+    Example: LABANMESH_METRICS_LISTEN=127.0.0.1:9465 labanmesh doctor --ready scene.toml
     """
     config = read_scene(scene)
     known = (*config.roster, *config.services, *HUBS)

@@ -1,4 +1,4 @@
-"""The verbs `evaluate` and `paper`, with their options."""
+"""The verb `evaluate`, and `evaluate --paper`, with their options."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -114,10 +114,11 @@ def paper(
     train_subjects: TrainSubjects = "",
     test_subjects: TestSubjects = "",
     report: Annotated[Path | None, typer.Option(help="Folder for the text and the figures.")] = None,
+    of_paper: Annotated[bool, typer.Option("--paper", show_default=False, help="This experiment.")] = True,
 ) -> None:
     """Run the paper's three experiments with the paper's model and rule; print its confusion tables beside ours.
 
-    Example: labanmesh paper msr.npz --labels AS1 --labels AS2 --labels AS3 --report out
+    Example: labanmesh evaluate --paper msr.npz --labels AS1 --labels AS2 --labels AS3 --report out
     """
     from observer.motion.archive import labels_of
     from observer.motion.archive_file import read_archive

@@ -1,4 +1,4 @@
-"""`labanmesh effort`: learns Effort from all actions but one and judges the poles in that one, by view and fused."""
+"""`labanmesh evaluate --effort`: Effort in one action by models of the others, for each view and fused."""
 
 import json as json_text
 from collections import Counter
@@ -40,10 +40,11 @@ def effort(
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for the tables and figures.")] = None,
     json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
+    of_effort: Annotated[bool, typer.Option("--effort", show_default=False, help="Effort, not movements.")] = True,
 ) -> None:
     """Judge the poles of Space, Weight, Time and Flow in each action by models of the other actions.
 
-    Example: labanmesh effort effort.npz --views door,wheel --report out
+    Example: labanmesh evaluate --effort effort.npz --views door,wheel --report out
     """
     whole = read_archive(archive)
     usual = Counter(r.rate_hz for r in whole.recordings).most_common(1)[0][0]

@@ -111,3 +111,10 @@ class EvaluateOptions:
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of all random choices.")] = 0
     report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None
     json: JsonFile = None
+    # The command line runs other commands with these two (labanmesh.py:OTHER_FORMS); here they are for --help.
+    paper: Annotated[
+        bool, typer.Option("--paper", help="Repeat the paper's three experiments instead: evaluate --paper --help.")
+    ] = False
+    effort: Annotated[
+        bool, typer.Option("--effort", help="Evaluate Effort instead of movements: evaluate --effort --help.")
+    ] = False

@@ -79,7 +79,7 @@ def track_pictures(trial: EvaluationTrial, view: View, recorded: tuple[str, ...]
 
 
 def _frontal_skin(motion: RecordedMotion, filming: Filming) -> SkinHistogram | None:
-    """The skin histogram that a camera in front learns (`labanmesh look --save-skin`)."""
+    """The skin histogram that a camera in front learns (`labanmesh camera look --save-skin`)."""
     tracker = CamshiftTracker()
     camera = VirtualCamera(motion, parse_view("door"), filming.size_px, filming.scenery, filming.seed)
     for frame in camera.frames(threading.Event()):

@@ -39,8 +39,8 @@ def test_the_scene_file_of_init_begins_as_shown(tmp_path, monkeypatch):
     assert main(["init", "dojo.toml"]) == 0
     (shown,) = blocks(DOCS / "guide" / "doctor.md", "toml")
     written = Path("dojo.toml").read_text("utf-8")
-    # The line about `labanmesh look` names the first camera of the machine.
-    assert all(line in written for line in shown.splitlines() if "labanmesh look" not in line)
+    # The line about `labanmesh camera look` names the first camera of the machine.
+    assert all(line in written for line in shown.splitlines() if "labanmesh camera look" not in line)
 
 
 def executed(text):

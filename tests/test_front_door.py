@@ -10,8 +10,9 @@ import pytest
 import typer
 
 import labanmesh
+from common import missing_library
 from common.errors import BadInput, LabanmeshError
-from labanmesh import VERBS, Verb, main
+from labanmesh import OTHER_FORMS, RENAMED, VERBS, Verb, main
 
 ROOMS = ("common", "observer", "fusion", "hub", "studies", "deploy")
 HEAVY = ("numpy", "zenoh", "pydantic", "typer", "rich", "cv2", "scipy", "matplotlib")
@@ -90,6 +91,18 @@ def test_help_of_every_verb_has_an_example(run, name):
     assert function.__doc__.splitlines()[0].rstrip(".") in " ".join(out.split())
     # Every option is whole, within 80 columns.
     assert "\u2026" not in out and all(len(line) <= 80 for line in out.splitlines())
+
+
+@pytest.mark.parametrize(("old", "new"), RENAMED.items())
+def test_the_old_name_of_a_verb_still_answers_with_one_line(run, old, new):
+    status, out, err = run(old, "--help")
+    assert status == 0 and err.count("\n") == 1 and f"{old} is now `labanmesh {new}`" in err
+    assert old not in VERBS and (out, 0) == (run(*new.split(), "--help")[1], status)
+
+
+@pytest.mark.parametrize(("verb", "option"), OTHER_FORMS)
+def test_the_help_of_a_verb_names_the_option_that_turns_it_into_another(run, verb, option):
+    assert option in run(verb, "--help")[1]
 
 
 def test_help_flows_and_keeps_words_in_brackets(run, verb):
@@ -215,7 +228,7 @@ def test_a_missing_module_of_ours_is_a_traceback(verb):
 def test_the_extras_are_those_of_the_distribution():
     from importlib.metadata import metadata
 
-    assert set(labanmesh.EXTRAS.values()) <= set(metadata("labanmesh").get_all("Provides-Extra"))
+    assert set(missing_library.EXTRAS.values()) <= set(metadata("labanmesh").get_all("Provides-Extra"))
 
 
 @pytest.mark.parametrize("words", [("--help",), ("doctor",)])

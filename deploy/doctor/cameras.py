@@ -27,10 +27,10 @@ DEVICES = Path("/dev")
 NAMES = Path("/sys/class/video4linux")
 PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443}
 TEST_S = 20.0
-"""`labanmesh look` itself gives a camera 10 s, and then names the cause."""
+"""`labanmesh camera look` itself gives a camera 10 s, and then names the cause."""
 TEST_FRAMES = 10
 ADVICE, ALL_WELL, OWN_ERROR = "-> ", "nothing to do", "labanmesh: "
-"""The beginnings of lines that `labanmesh look` prints: advice, no advice, an error."""
+"""The beginnings of lines that `labanmesh camera look` prints: advice, no advice, an error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ class NetworkCamera:
 
 @dataclass(frozen=True, slots=True)
 class CameraTest:
-    """The outcome of `labanmesh look`: its advice, or its error."""
+    """The outcome of `labanmesh camera look`: its advice, or its error."""
 
     advice: Sequence[str] = ()
     fault: str = ""
@@ -138,7 +138,7 @@ def _network_camera(source: str) -> NetworkCamera:
 
 
 def _test(scene: Scene, each: ObserverCamera) -> CameraTest:
-    """Runs `labanmesh look` on an observer's camera, with the scene file's settings."""
+    """Runs `labanmesh camera look` on an observer's camera, with the scene file's settings."""
     section = scene.observer(each.observer)
     tracker = chosen_tracker(section).name
     with tempfile.TemporaryDirectory() as folder:
@@ -147,7 +147,7 @@ def _test(scene: Scene, each: ObserverCamera) -> CameraTest:
             options += [option, str(scene.place(file))] if file else []
         # A camera file states the size that the pictures must have.
         options += ["--view", str(scene.place(section.view))] if section.view.endswith(".toml") else []
-        command = [sys.executable, "-P", "-m", "labanmesh", "look", section.source, *options]
+        command = [sys.executable, "-P", "-m", "labanmesh", "camera", "look", section.source, *options]
         try:
             done = subprocess.run(  # noqa: S603 - the command line is ours
                 command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TEST_S, check=False
@@ -198,7 +198,7 @@ def _presence(each: ObserverCamera, mark: Mark, present: Sequence[Webcam]) -> Fi
         others = ", ".join(webcam.place for webcam in present) or "none"
         to_do = f"plug it in, or correct source; webcams here: {others}"
         return Finding(GROUP, mark, f"{name}: {camera.place} is not there", to_do)
-    return warning(GROUP, f"{name}: webcams cannot be listed on this system", f"labanmesh look {camera.place}")
+    return warning(GROUP, f"{name}: webcams cannot be listed on this system", f"labanmesh camera look {camera.place}")
 
 
 def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
@@ -213,7 +213,7 @@ def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
                 yield ok(GROUP, f"{each.observer}: test picture: {advice}")
             else:
                 what, _, to_do = advice.partition(": ")
-                to_do = to_do or "labanmesh look shows the picture"
+                to_do = to_do or "labanmesh camera look shows the picture"
                 yield warning(GROUP, f"{each.observer}: test picture: {what}", to_do)
 
 

@@ -47,6 +47,10 @@ def doctor(
     observers: Annotated[
         str, typer.Option(metavar="IDS", help="Which observers run on this machine; none: no one. Default: all.")
     ] = "",
+    # The command line runs hub.healthcheck with it (labanmesh.py:OTHER_FORMS); here it is for --help.
+    ready: Annotated[
+        bool, typer.Option("--ready", help="Only whether all processes, or one, do their work: doctor --ready --help.")
+    ] = False,
 ) -> int:
     """What is wrong with this machine, the scene file, cameras, network, security and mesh, and what to do.
 

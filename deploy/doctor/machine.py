@@ -33,7 +33,7 @@ LITTLE_MEMORY = 300 * MIB
 INSTALL_OBSERVER = "pip install 'labanmesh[observer]'"
 OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
 CASCADE = "haarcascade_frontalface_alt2.xml"
-"""The one that trackers and `labanmesh look` use."""
+"""The one that trackers and `labanmesh camera look` use."""
 UNSYNCHRONISED_US = 16_000_000
 """With this maximum error the kernel's clock counts as unsynchronised; timedatectl uses the same limit."""
 TOOL_S = 1.0

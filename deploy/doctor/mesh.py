@@ -260,12 +260,12 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic, *, sec
             yield warning(GROUP, what, f"synchronise it (NTP): {SYNCHRONISE}, on its machine")
         if name in fusion.contradicted:
             what = f"{name}: the others contradict it in most verdicts, so it is hardly relied on"
-            to_do = f"labanmesh look shows what it sees; else its model or its place is wrong{revoke}"
+            to_do = f"labanmesh camera look shows what it sees; else its model or its place is wrong{revoke}"
             yield warning(GROUP, what, to_do)
         if name in fusion.about_rest:
             trusted = f"{fusion.about_rest[name]:.0%} trusted"
             what = f"{name}: its rest contradicts the others ({trusted}), so it does not decide when a movement ends"
-            to_do = f"labanmesh look shows what it sees: its picture may stand still or tremble{revoke}"
+            to_do = f"labanmesh camera look shows what it sees: its picture may stand still or tremble{revoke}"
             yield warning(GROUP, what, to_do)
         known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
         if statistics.rejected.get("same_id") and process.turns <= 1:

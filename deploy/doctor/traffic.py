@@ -36,7 +36,7 @@ WAYS_OUT = {
 }
 """By reason for which a message is rejected."""
 ANY_WAY_OUT = "see that process's log; docs/reference/wire.md defines the messages"
-LOOK = "labanmesh look SOURCE on its machine shows what its camera delivers"
+LOOK = "labanmesh camera look SOURCE on its machine shows what its camera delivers"
 HEARS_NOBODY = "it hears no observer: correct the findings on observers first"
 
 

@@ -1,5 +1,6 @@
 """The verb `labanmesh init`: a scene file for this machine's cameras, what they see, and the first lesson."""
 
+import json
 import os
 import re
 import shlex
@@ -12,11 +13,12 @@ from typing import Annotated
 
 import typer
 
+from common.config import Scene
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.text import without_secrets
 from common.tracker_choice import PHONE, STANDARD_INPUT
 from deploy.doctor.cameras import Webcam, webcams
-from deploy.first_scene.scene_text import FirstCamera, scene_text
+from deploy.first_scene.scene_text import SCHEMA_FILE, FirstCamera, scene_text
 
 DEFAULT_NAME = "home"
 LABELS = "wave point clap"
@@ -53,6 +55,7 @@ def init(
     # An address may hold a password: the file is then for this user alone.
     private = any("://" in camera.source for camera in cameras)
     _write(file, scene_text(cameras, shlex.quote(file.name), _scene_name(file)), 0o600 if private else 0o666)
+    _write_schema(file.with_name(SCHEMA_FILE))
     asks = sys.stdin.isatty() and sys.stdout.isatty()
     if asks and look:
         _show(cameras, file)
@@ -121,12 +124,20 @@ def _write(file: Path, text: str, mode: int) -> None:
         raise LabanmeshError(f"cannot write {file}: {reason_of(error)}. Name another file") from None
 
 
+def _write_schema(file: Path) -> None:
+    """The JSON Schema of scene files, by which editors complete and check keys; that of another version is replaced."""
+    text = json.dumps(Scene.model_json_schema(), indent=1) + "\n"
+    # It helps to write the scene file and nothing needs it.
+    with suppress(OSError):
+        file.write_text(text, encoding="utf-8")
+
+
 def _show(cameras: Sequence[FirstCamera], file: Path) -> None:
-    """What each camera sees, as `labanmesh look` shows it; a camera that fails says why and stops nothing."""
+    """What each camera sees, as `labanmesh camera look` shows it; a camera that fails says why and stops nothing."""
     for number, camera in enumerate(cameras, 1):
         typer.echo(f"\ncam{number}:")
         picture = file.with_name(f"cam{number}.png").absolute()
-        _labanmesh(file, "look", camera.source, "--show", "-o", str(picture))
+        _labanmesh(file, "camera", "look", camera.source, "--show", "-o", str(picture))
     typer.echo("")
 
 

@@ -14,7 +14,10 @@ VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45"
 """Where so many cameras usually stand; more than three stand in the corners."""
 CORNERS = ("yaw:45", "yaw:-45", "yaw:135", "yaw:-135")
 COMMAND_WIDTH = 43
+SCHEMA_FILE = ".scene.schema.json"
+"""Beside the scene file, for editors."""
 HEAD = """\
+#:schema ./{schema}
 # A scene of labanmesh: its cameras, where they stand, where the processes meet, and when a movement is decided.
 # Every process reads this file; on several machines each has the same. All keys: docs/reference/scene.md.
 #
@@ -30,7 +33,7 @@ OBSERVER = """
 {camera}
 source = {source}
 # Where it stands as seen from the performer: door (in front), wheel (to the right), yaw:DEG between, negative to the
-# left; or a camera file of `labanmesh calibrate`. An estimate is enough to begin with: the model is learned for it.
+# left; or a file of `labanmesh camera calibrate`. An estimate is enough to begin with: the model is learned for it.
 view = "{view}"
 # How body parts are found. Without the line: mediapipe, which finds bodies, where it is installed
 # (pip install 'labanmesh[mediapipe]'), else camshift, which follows skin colour and needs nothing more.
@@ -89,7 +92,7 @@ def scene_text(cameras: Sequence[FirstCamera], file: str, scene: str) -> str:
     views = VIEWS.get(len(names), CORNERS)
     placed = [(name, views[number % len(views)]) for number, name in enumerate(names)]
     sources = [camera.source for camera in cameras]
-    head = HEAD.format(steps="\n".join(_steps(file, sources, placed)), scene=scene)
+    head = HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, sources, placed)), scene=scene)
     observers = [
         OBSERVER.format(name=name, camera=camera.comment, source=_in_toml(camera), view=view)
         for (name, view), camera in zip(placed, cameras, strict=True)
@@ -105,12 +108,13 @@ def _in_toml(camera: FirstCamera) -> str:
 
 def _steps(file: str, sources: Sequence[str], placed: Sequence[tuple[str, str]]) -> Iterator[str]:
     yield _step("1.", f"labanmesh doctor {file}", "what is missing, and what to do about it")
-    yield _step("2.", f"labanmesh look {shlex.quote(sources[0])}", "what that camera sees, and how well it can be used")
-    yield from (_step("", f"labanmesh look {shlex.quote(source)}") for source in sources[1:])
+    looks = [f"labanmesh camera look {shlex.quote(source)}" for source in sources]
+    yield _step("2.", looks[0], "what that camera sees, and how well it can be used")
+    yield from (_step("", look) for look in looks[1:])
     yield _step("3.", f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")
     yield _step("4.", f"labanmesh teach {file} wave point clap", "your movements, in another terminal")
     yield _step("5.", f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")
-    yield "# Or learn a model for each observer from recordings in 3-D (labanmesh record, labanmesh import):"
+    yield "# Or learn a model for each observer from recordings in 3-D (labanmesh camera record, labanmesh import):"
     yield from (_step("", f"labanmesh learn motion.npz --view {view} -o {name}.model") for name, view in placed)
 
 

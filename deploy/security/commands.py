@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from common.certificate_authority import CERTIFICATE_DAYS
+from common.command_options import sub_verbs
 from common.config import Scene, scene_files
 from common.errors import BadInput
 from deploy.security.issuing import (
@@ -38,20 +39,14 @@ Host = Annotated[
 ]
 Days = Annotated[float, typer.Option(min=0.0, max=36_500, help="How long the certificate is valid.")]
 
-secure = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    no_args_is_help=False,
-    help="""Certificates and access rules for named machines, from an authority of one scene or of several.
+secure = sub_verbs(
+    """Certificates and access rules for named machines, from an authority of one scene or of several.
 
     Example: labanmesh secure init scene.toml
 
     Example: labanmesh secure add scene.toml router
-    """,
+    """
 )
-# The front door shows a verb's docstring.
-secure.__doc__ = secure.info.help
 
 
 @secure.command()

@@ -5,29 +5,16 @@ from typing import Annotated
 
 import typer
 
+from common.command_options import sub_verbs
 from common.config import read_scene
 from common.text import plural
 
-hub = typer.Typer(
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    no_args_is_help=False,
-    help="""Pass a scene on to home automation.
+hub = sub_verbs(
+    """Pass a scene on to home automation.
 
     Example: labanmesh hub mqtt scene.toml
-    """,
+    """
 )
-# The front door shows a verb's docstring.
-hub.__doc__ = hub.info.help
-
-
-@hub.callback()
-def _sub_verbs() -> None:
-    """With a single sub-verb typer would leave its name out."""
-
-
-_sub_verbs.__doc__ = hub.info.help
 
 
 @hub.command()

@@ -39,11 +39,11 @@ def calibrate(
 ) -> None:
     """Calibrate cameras from pictures of a board, from known points, or read them from another program's file.
 
-    Example: labanmesh calibrate cam1.mp4 cam2.mp4 --board charuco.toml -o cameras
+    Example: labanmesh camera calibrate cam1.mp4 cam2.mp4 --board charuco.toml -o cameras
 
-    Example: labanmesh calibrate --points cam1.csv --points cam2.csv -o cameras
+    Example: labanmesh camera calibrate --points cam1.csv --points cam2.csv -o cameras
 
-    Example: labanmesh calibrate --read Calib.qca.txt --up z -o cameras
+    Example: labanmesh camera calibrate --read Calib.qca.txt --up z -o cameras
     """
     inputs = [bool(sources), bool(points), read is not None]
     if sum(inputs) != 1:

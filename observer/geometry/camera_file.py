@@ -47,9 +47,10 @@ def read_camera(path: Path) -> CameraModel:
     try:
         keys = read_toml(path)
     except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror}; labanmesh calibrate writes camera files") from None
+        way_out = "labanmesh camera calibrate writes camera files"
+        raise BadInput(f"cannot read {path}: {error.strerror}; {way_out}") from None
     except ValueError as error:
-        raise BadInput(f"{path}: not a TOML file: {error}; labanmesh calibrate writes camera files") from None
+        raise BadInput(f"{path}: not a TOML file: {error}; labanmesh camera calibrate writes camera files") from None
     return _checked(path, keys)
 
 

@@ -51,7 +51,7 @@ def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
     x, z = mean_place(archive)
     return [
         f"for a person where the recordings have theirs, on average at x, z = {x:.1f}, {z:.1f} m, facing -z; if they "
-        "will stand elsewhere, say so with --place and --facing, which labanmesh place finds"
+        "will stand elsewhere, say so with --place and --facing, which labanmesh camera place finds"
     ]
 
 

@@ -41,11 +41,11 @@ def look(
 ) -> None:  # fmt: skip
     """Check a source: write a picture with everything that the tracker finds, and print how to improve it.
 
-    Example: labanmesh look 0
+    Example: labanmesh camera look 0
 
-    Example: labanmesh look rtsp://10.0.0.7/stream --tracker mediapipe -o corner.png
+    Example: labanmesh camera look rtsp://10.0.0.7/stream --tracker mediapipe -o corner.png
 
-    Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
+    Example: labanmesh camera look motion.npz --view yaw:45 --save-skin skin.npz
     """
     from common.config import ObserverConfig
     from observer.camera.base import kind_of

@@ -148,13 +148,14 @@ def open_cameras(
     for name in observers:
         if not _is_calibrated(scene, name):
             view = scene.observer(name).view
-            raise BadInput(f"observers.{name}.view = {view!r}: a camera file is needed; labanmesh calibrate writes it")
+            way_out = "labanmesh camera calibrate writes it"
+            raise BadInput(f"observers.{name}.view = {view!r}: a camera file is needed; {way_out}")
     chosen = list(dict.fromkeys(observers)) or [name for name in scene.roster if _is_calibrated(scene, name)]
     if len(chosen) < 2:
         names = f" ({chosen[0]})" if chosen else ""
         raise BadInput(
             f"{plural(len(chosen), 'observer')} with a camera file as view{names}; at least two are needed; "
-            "labanmesh calibrate writes camera files"
+            "labanmesh camera calibrate writes camera files"
         )
     whole = _at_full_speed(scene)
     opened = {name: _opened(whole, name, BODY_PARTS, smooth=False) for name in chosen}

@@ -77,11 +77,11 @@ def record(options: RecordOptions) -> None:
     """Record one movement with several calibrated cameras, and add its positions in space to a motion archive; or with
     --tracks add the 2-D tracks of one camera, which need no calibration, to an archive of that camera.
 
-    Example: labanmesh record scene.toml -o mine.npz --label wave --subject anna --seconds 5
+    Example: labanmesh camera record scene.toml -o mine.npz --label wave --subject anna --seconds 5
 
-    Example: labanmesh record scene.toml -o life.npz --other-motion --subject anna --seconds 300
+    Example: labanmesh camera record scene.toml -o life.npz --other-motion --subject anna --seconds 300
 
-    Example: labanmesh record scene.toml --tracks --observers sofa -o sofa.npz --label wave --subject anna --seconds 5
+    Example: labanmesh camera record scene.toml --tracks --observers sofa -o sofa.npz --label wave --subject anna
     """
     if bool(options.label) == options.other_motion:
         raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
@@ -239,7 +239,7 @@ def place(
 ) -> None:
     """Find where the person stands and faces in the room of the camera files, and print the lines for the scene file.
 
-    Example: labanmesh place scene.toml --seconds 5
+    Example: labanmesh camera place scene.toml --seconds 5
     """
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals

@@ -145,7 +145,7 @@ def outlier_shares(result: Reconstruction) -> Floats:
 
 def _camera_line(n: int, name: str, result: Reconstruction) -> str:
     if not result.observed[..., n].any():
-        return f"{name}: saw no part; labanmesh look shows what its tracker finds"
+        return f"{name}: saw no part; labanmesh camera look shows what its tracker finds"
     share = outlier_shares(result)[n]
     if np.isnan(share):
         return f"{name}: agrees with no other camera; check its calibration"

@@ -125,7 +125,7 @@ class TracksRecorder:
             raise BadInput(f"{len(at_ns)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
         positions = at_even_rate(at_ns, self._ring.centres[begin:end].astype(np.float64), self.rate_hz)
         if not np.isfinite(positions).any():
-            raise BadInput("nobody was seen: stand where the camera sees head and hands (labanmesh look shows it)")
+            raise BadInput("nobody was seen: labanmesh camera look shows whether the camera sees head and hands")
         return Recording(positions, self.rate_hz, label, subject, trial, self._spans(at_ns, marked))
 
     def _spans(self, at_ns: NDArray[np.int64], marked: Sequence[Marked]) -> tuple[Span, ...]:

@@ -72,12 +72,12 @@ def seen_person(
     positions = remove_spikes(result.positions, rate_hz)
     head = positions[:, list(body_parts).index("head")]
     if not np.isfinite(head).any():
-        raise BadInput("the cameras never agree on the head: labanmesh look shows what each tracker finds")
+        raise BadInput("the cameras never agree on the head: labanmesh camera look shows what each tracker finds")
     across = _across(positions, body_parts, TRUNK)
     by_hands = not len(across)
     across = _across(positions, body_parts, HANDS) if by_hands else across
     if not len(across):
-        raise BadInput("the cameras never agree on left and right: labanmesh look shows what each tracker finds")
+        raise BadInput("the cameras never agree on left and right: labanmesh camera look shows what each tracker finds")
     _require_upright(positions, body_parts)
     x, y, z = np.nanmedian(head, axis=0)
     facing_deg, spread_deg = _facing(across)
@@ -128,5 +128,5 @@ def _require_upright(positions: Floats, body_parts: Sequence[str]) -> None:
         if line[1] < UPRIGHT * np.linalg.norm(line):
             raise BadInput(
                 "the head is not above the hips along y: stand upright; if y does not point up in this room, make "
-                "camera files in which it does: labanmesh calibrate --read FILE --up z"
+                "camera files in which it does: labanmesh camera calibrate --read FILE --up z"
             )

@@ -198,7 +198,7 @@ AXES = {
 """x, -x, y, -y, z, -z: unit vectors (3,)."""
 
 UP, FRONT = "y", "-z"
-"""The axes of `labanmesh calibrate`: the room's are the performer's."""
+"""The axes of `labanmesh camera calibrate`: the room's are the performer's."""
 
 
 def performer_axes(up: str, front: str) -> Floats:

@@ -10,7 +10,7 @@ from observer.recording.reconstruction import CameraTracks, Reconstruction
 
 NOBODY = (
     "no camera saw any part",
-    "Run labanmesh look SOURCE to see what a tracker finds. camshift needs a face that looks at the camera, or the "
+    "labanmesh camera look SOURCE shows what a tracker finds. camshift needs a face that looks at the camera, or the "
     'colour of the skin (skin = "skin.npz" in the scene file); tracker = "mediapipe" needs neither',
 )
 ONE_VIEW = (

@@ -145,7 +145,7 @@ class SkinHistogram:
         """Read a file written by `save`; raises BadInput for anything else."""
         expected = (
             f"a skin histogram of two arrays ({HUES}, {SATURATIONS}) and a value (2,) is expected; learn it again with "
-            "labanmesh look --save-skin"
+            "labanmesh camera look --save-skin"
         )
         try:
             arrays = read_arrays(path)

@@ -10,7 +10,7 @@ import pytest
 from doc_pages import DOCS
 from source_imports import FILES, HOUSE, ROOMS, all_imports
 
-import labanmesh
+from common import missing_library
 from labanmesh import OTHER_FORMS, VERBS
 
 PROVIDED_BY = {"sse_starlette": "sse-starlette", "prometheus_client": "prometheus-client", "zenoh": "eclipse-zenoh",
@@ -106,7 +106,7 @@ def test_the_help_of_a_verb_needs_no_extra(verb):
     for module in modules:
         at_once = [each for each in all_imports() if each.by == module and each.at_import and not each.for_types]
         modules += [each.of for each in at_once if each.of in FILES and each.of not in modules]
-        faults += [f"{each.place} imports {each.of}" for each in at_once if each.top in labanmesh.EXTRAS]
+        faults += [f"{each.place} imports {each.of}" for each in at_once if each.top in missing_library.EXTRAS]
     assert not faults, "import it in the function that needs it"
 
 
@@ -129,9 +129,9 @@ def test_what_is_imported_on_request_is_documented(by, of):
 def test_the_reference_names_every_extra_that_a_verb_may_need():
     for extra, uses in documented().items():
         assert extra in declared() and {use.partition(" ")[0] for use in uses} <= {*VERBS, *declared()}
-    named = {extra_of(library) for library in labanmesh.EXTRAS}
-    assert named == set(labanmesh.EXTRAS.values()) and named <= documented().keys()
-    assert all(labanmesh.EXTRAS[library] == extra_of(library) for library in labanmesh.EXTRAS)
+    named = {extra_of(library) for library in missing_library.EXTRAS}
+    assert named == set(missing_library.EXTRAS.values()) and named <= documented().keys()
+    assert all(missing_library.EXTRAS[library] == extra_of(library) for library in missing_library.EXTRAS)
 
 
 def test_every_module_belongs_to_a_verb():

@@ -37,7 +37,7 @@ VERBS = {
     "evaluate": EVALUATE,
     "evaluate pixels": ("evaluate", "known.npz", *VIEWS, "--through", "pixels"),
     "learn": ("learn", "known.npz", "--view", "yaw:30", "-o", "new.model"),
-    "paper": ("paper", "known.npz", "--train-subjects", "1,2", "--test-subjects", "3"),
+    "paper": ("evaluate", "--paper", "known.npz", "--train-subjects", "1,2", "--test-subjects", "3"),
     "doctor": ("doctor", "room.toml", "--for", "10"),
     "observe": ("observe", "room.toml", "sofa"),
     "fuse": ("fuse", "room.toml"),

@@ -122,7 +122,7 @@ def test_cameras_of_a_scene(tmp_path, listener):
 
 
 def test_a_camera_that_is_there_is_looked_at_if_asked(tmp_path, monkeypatch):
-    """A stand-in for `labanmesh look`: which cameras are tested, with what, and how its output is read."""
+    """A stand-in for `labanmesh camera look`: which cameras are tested, with what, and how its output is read."""
     ran = []
 
     def run(command, **_):

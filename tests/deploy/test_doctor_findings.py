@@ -252,7 +252,7 @@ def camera(*arguments, test=None, **more):
         ([ObserverCamera("a", WEBCAM)], [WEBCAM], "ok", ["a: /dev/video0 (Logitech) is there"]),
         (camera("/dev/video0", access="forbidden"), [], "error", ["a:", "usermod -aG video $USER"]),
         (camera("/dev/video7", access="absent"), [WEBCAM], "error", ["video7 is not", "here: /dev/video0"]),
-        (camera("/dev/video0", access="unknown"), [], "warning", ["labanmesh look /dev/video0"]),
+        (camera("/dev/video0", access="unknown"), [], "warning", ["labanmesh camera look /dev/video0"]),
         ([ObserverCamera("a", NetworkCamera("rtsp://cam", "", 0.01))], [], "ok", ["rtsp://cam can be reached, 10 ms"]),
         ([ObserverCamera("a", NetworkCamera("rtsp://cam", "nothing listens"))], [], "error", ["nothing listens"]),
         (camera("/dev/video0", test=CameraTest(["nothing to do: fine"])), [], "ok", ["test picture: nothing to do"]),

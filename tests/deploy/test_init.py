@@ -1,5 +1,6 @@
 """`labanmesh init`: it writes a scene file, also with its comments as settings, and never overwrites one."""
 
+import json
 import re
 
 import pytest
@@ -35,7 +36,8 @@ def test_the_file_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
 def test_the_comments_name_the_next_steps():
     text = scene_text(CAMERAS[:2], "dojo.toml", "dojo")
     for command in (
-        "doctor dojo.toml", "look 0", "look 2", "learn motion.npz --view yaw:30 -o cam1.model", "teach dojo.toml wave",
+        "camera look 0", "camera look 2", "learn motion.npz --view yaw:30 -o cam1.model",
+        "doctor dojo.toml", "teach dojo.toml wave",
         "learn motion.npz --view yaw:-30 -o cam2.model", "up dojo.toml", "watch dojo.toml",
     ):  # fmt: skip
         assert f"labanmesh {command}" in text
@@ -65,6 +67,14 @@ def test_it_writes_a_file_once(tmp_path, monkeypatch, capsys):
     with pytest.raises(BadInput, match="exists already and is not overwritten"):
         init(tmp_path / "My Dojo.toml")
     assert (tmp_path / "My Dojo.toml").read_bytes() == before
+
+
+def test_an_editor_finds_the_schema_beside_the_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(commands, "webcams", list)
+    (tmp_path / ".scene.schema.json").write_text("of an earlier version")
+    init(tmp_path / "scene.toml")
+    named = re.match(r"#:schema (\S+)\n", (tmp_path / "scene.toml").read_text())[1]
+    assert "observers" in json.loads((tmp_path / named).read_text())["properties"]
 
 
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path, monkeypatch):
@@ -111,7 +121,7 @@ def test_in_a_terminal_it_shows_what_cameras_see_and_offers_a_lesson(tmp_path, m
     monkeypatch.setattr("builtins.input", lambda question: asked.append(question) or "nod bow")
     monkeypatch.setattr(commands, "_labanmesh", lambda file, *words: run.append(words) or 0)
     init(tmp_path / "s.toml")
-    assert [words[:2] for words in run] == [("look", "0"), ("look", "2"), ("teach", str(tmp_path / "s.toml"))]
+    assert [words[:2] for words in run] == [("camera", "look"), ("camera", "look"), ("teach", str(tmp_path / "s.toml"))]
     assert run[0][-1] == str(tmp_path / "cam1.png") and run[2][2:] == ("nod", "bow", "--up") and len(asked) == 1
     init(tmp_path / "t.toml", look=False)
     assert len(run) == 4

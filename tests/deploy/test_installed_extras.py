@@ -41,7 +41,7 @@ def installed():
     yield from ((f"app with {extras}", extras, ("up", "observe", "fuse", "hub", "dashboard")) for extras in app())
     attic, dojo = on_the_page()
     yield "attic", attic, ("fuse", "router", "watch", "hub", "dashboard", "demo", "secure")
-    yield "dojo", dojo, ("observe", "look", "calibrate")
+    yield "dojo", dojo, ("observe", "camera look", "camera calibrate")
 
 
 @pytest.mark.parametrize(("where", "extras", "verbs"), list(installed()))

@@ -60,7 +60,7 @@ JOBS = (
     Job("observe film", "observe film.toml sofa", "observer", line="source ended"),
     Job("fuse", "fuse room.toml", line="serving room", ended=True),
     Job("doctor", "doctor room.toml --for 0.5", line="room"),
-    Job("healthcheck", "healthcheck room.toml --process sofa", status=1, line="not on the mesh"),
+    Job("doctor --ready", "doctor --ready room.toml --process sofa", status=1, line="not on the mesh"),
     Job("secure", "secure init room.toml --to secured", line="labanmesh secure add"),
     Job("router", "router tcp/127.0.0.1:0", line="listening on", ended=True),
     Job("teach", "teach room.toml wave clap", status=1, line="labanmesh up room.toml"),
@@ -83,21 +83,21 @@ JOBS = (
     Job("dashboard", "dashboard room.toml --for 1 --listen 127.0.0.1:0", "dashboard", line="shows scene room"),
     Job("dashboard --teach", "dashboard room.toml --teach --for 1 --listen 127.0.0.1:0", "dashboard", line="/teach"),
     Job("import", "import csv wave.csv -o new.npz", line="1 recording"),
-    Job("calibrate", "calibrate --points points.csv -o calibrated", "observer", line="points"),
-    Job("look", "look film.avi --tracker camshift", "observer", line="newest picture"),
-    Job("look mediapipe", "look film.avi --tracker mediapipe", "mediapipe", line="newest picture"),
+    Job("camera calibrate", "camera calibrate --points points.csv -o calibrated", "observer", line="points"),
+    Job("camera look", "camera look film.avi --tracker camshift", "observer", line="newest picture"),
+    Job("camera look mediapipe", "camera look film.avi --tracker mediapipe", "mediapipe", line="newest picture"),
     Job(
-        "record",
-        "record film.toml --tracks --label wave --subject anna --seconds 0.3 -o tracks",
+        "camera record",
+        "camera record film.toml --tracks --label wave --subject anna --seconds 0.3 -o tracks",
         "observer",
         2,
         "nobody was seen",
     ),
-    Job("place", "place seen.toml --seconds 0.3", "observer", 2, "labanmesh look shows"),
+    Job("camera place", "camera place seen.toml --seconds 0.3", "observer", 2, "labanmesh camera look shows"),
     Job("learn", "learn known.npz --view yaw:30 -o new.model", "observer", line="new.model: stacked"),
     Job("forget", "forget room.toml --all --yes", status=1, line="labanmesh up room.toml"),
     Job("forget model", "forget sofa.model --labels ok -o less.model", "observer", line="less.model"),
-    Job("paper", "paper known.npz", line="Door and Wheel"),
+    Job("evaluate --paper", "evaluate --paper known.npz", line="Door and Wheel"),
     Job("evaluate", "evaluate known.npz --views yaw:30 --jobs 1", "observer", line="accuracy"),
     Job(
         "evaluate --report",
@@ -107,7 +107,7 @@ JOBS = (
     ),
     Job("evaluate pixels", "evaluate known.npz --views yaw:30 --through pixels", "observer", line="from pixels"),
     Job("score", "score known.npz --label byebye", line="byebye"),
-    Job("effort", "effort effort.npz --views door", line="accuracy"),
+    Job("evaluate --effort", "evaluate --effort effort.npz --views door", line="accuracy"),
 )
 
 
@@ -159,7 +159,7 @@ def write_material(folder):
     for words in (
         "learn known.npz --view yaw:30 -o sofa.model",
         "capture room.toml -o day.mcap --for 0",
-        "calibrate --points points.csv -o .",
+        "camera calibrate --points points.csv -o .",
     ):
         subprocess.run([*own, *words.split()], cwd=folder, check=True, capture_output=True, timeout=LIMIT_S)
     (folder / "points.toml").rename(folder / "camera.toml")

@@ -18,8 +18,7 @@ from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from fusion.server import serve as serve_fusion
-from hub import healthcheck as hub_healthcheck
-from hub.healthcheck import healthcheck
+from hub import healthcheck
 from hub.instrumentation import instrumented
 from hub.session import listen
 from labanmesh_testing.mesh import Mesh, running
@@ -220,26 +219,26 @@ def test_healthcheck_asks_the_process_or_the_mesh(stage, scene, tmp_path, capsys
     until(lambda: ask(at["cam1"], "/readyz")[0] == 200)
     path = tmp_path / "s.toml"
     scene(listen=at["cam1"])
-    healthcheck(path)
+    healthcheck.ready(path)
     assert capsys.readouterr().out == f"dojo, observer cam1 at {at['cam1']}: ready\n"
     scene(listen=at["fusion"])
     monkeypatch.setattr(
-        hub_healthcheck.Address, "after", lambda self, n: self.parse(at[("fusion", "cam1", "cam2")[min(n, 2)]], "")
+        healthcheck.Address, "after", lambda self, n: self.parse(at[("fusion", "cam1", "cam2")[min(n, 2)]], "")
     )
-    healthcheck(path, "cam2")
+    healthcheck.ready(path, "cam2")
     assert capsys.readouterr().out == f"dojo, observer cam2 at {at['cam2']}: ready\n"
     with pytest.raises(LabanmeshError, match=r"^mqtt does not answer at .*; is it running"):
-        healthcheck(path, "mqtt")
+        healthcheck.ready(path, "mqtt")
     cameras["cam1"].frozen = True
     until(lambda: ask(at["cam1"], "/readyz")[0] == 503)
     with pytest.raises(LabanmeshError, match=r"^dojo, observer cam1 at \S+: not ready: no frame for 2 s$"):
-        healthcheck(path, "cam1")
+        healthcheck.ready(path, "cam1")
     scene(listen="", endpoint=at["mesh"])
-    healthcheck(path, "cam2")
+    healthcheck.ready(path, "cam2")
     assert capsys.readouterr().out == "dojo: cam2 running\n"
     with pytest.raises(LabanmeshError, match=r"^dojo: cam1: degraded, no frame for \d s$"):
-        healthcheck(path)
+        healthcheck.ready(path)
     with pytest.raises(BadInput, match=r"^--process dashboard: .*; set metrics.listen$"):
-        healthcheck(path, "dashboard")
+        healthcheck.ready(path, "dashboard")
     with pytest.raises(BadInput, match=r"^--process cam3: not in .*; known: cam1, cam2, fusion, .*, events$"):
-        healthcheck(path, "cam3")
+        healthcheck.ready(path, "cam3")

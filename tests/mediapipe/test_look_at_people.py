@@ -1,4 +1,4 @@
-"""`labanmesh look` on recorded people: good tracks leave nothing to do, and it says so when they are not good."""
+"""`labanmesh camera look` on recorded people: it gives advice only where tracks are bad."""
 
 import pytest
 
@@ -14,7 +14,7 @@ def advice(data, tmp_path, capsys):
     """The lines of advice on a film of the recordings."""
 
     def of(film, *options):
-        assert main(["look", str(data / film), "-o", str(tmp_path / "look.png"), *options]) == 0
+        assert main(["camera", "look", str(data / film), "-o", str(tmp_path / "look.png"), *options]) == 0
         return [line[3:] for line in capsys.readouterr().out.splitlines() if line.startswith("-> ")]
 
     return of

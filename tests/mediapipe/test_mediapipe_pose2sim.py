@@ -111,7 +111,7 @@ def upright(points):
 def test_recorded_wrists_are_within_three_centimetres_of_the_reference(data, scene):
     """Row k of the reference is compared with picture k; by its column Time it is the next picture, and 2.5 cm."""
     archive = scene.parent / "beam.npz"
-    call("record", scene, "-o", archive, "--label", "beam", "--subject", "a", "--rate", 60)
+    call("camera", "record", scene, "-o", archive, "--label", "beam", "--subject", "a", "--rate", 60)
     (made,) = read_archive(archive).recordings
     truth = upright(pose2sim_markers(data, "LWrist", "RWrist"))
     off = np.linalg.norm(made.positions[:, :2] - truth, axis=2)
@@ -121,7 +121,7 @@ def test_recorded_wrists_are_within_three_centimetres_of_the_reference(data, sce
 
 
 def test_place_finds_where_the_person_stands_and_faces(data, scene, capsys):
-    call("place", scene)
+    call("camera", "place", scene)
     lines = tomllib.loads("[person]" + capsys.readouterr().out.partition("[person]")[2])["person"]
     left, right, head = upright(pose2sim_markers(data, "LShoulder", "RShoulder", "Head")).transpose(1, 0, 2)
     faces = np.median([facing_of(line) for line in right - left])

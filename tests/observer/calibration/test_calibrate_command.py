@@ -1,4 +1,4 @@
-"""`labanmesh calibrate`: output, files and errors."""
+"""`labanmesh camera calibrate`: output, files and errors."""
 
 import csv
 

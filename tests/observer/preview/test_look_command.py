@@ -1,4 +1,4 @@
-"""`labanmesh look`: output, files and errors."""
+"""`labanmesh camera look`: output, files and errors."""
 
 import re
 import sys

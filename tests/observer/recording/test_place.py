@@ -1,4 +1,4 @@
-"""`labanmesh place`: where a person stands and faces, from what calibrated cameras see."""
+"""`labanmesh camera place`: where a person stands and faces, from what calibrated cameras see."""
 
 import math
 

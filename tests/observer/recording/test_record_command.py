@@ -1,4 +1,4 @@
-"""`labanmesh record`: positions from several cameras, output and errors."""
+"""`labanmesh camera record`: positions from several cameras, output and errors."""
 
 import math
 import threading

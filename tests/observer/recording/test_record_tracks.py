@@ -1,4 +1,4 @@
-"""`labanmesh record --tracks`: one camera, no calibration, no pictures kept; what cannot be recorded loses nothing."""
+"""`labanmesh camera record --tracks`: one camera, no calibration, no pictures kept; a failure loses nothing."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def room(tmp_path, monkeypatch):
 
 
 def record(run, *words):
-    return run("record", "room.toml", "--tracks", "--subject", "anna", *words)
+    return run("camera", "record", "room.toml", "--tracks", "--subject", "anna", *words)
 
 
 def test_tracks_of_one_camera_are_added_take_by_take(run, room):
@@ -112,5 +112,5 @@ def test_what_cannot_be_recorded_is_one_line(run, room, words, error):
 
 def test_positions_in_space_are_not_added_to_tracks(run, room):
     record(run, "--observers", "sofa", "-o", "sofa.npz", "--label", "wave", "--seconds", "2")
-    status, _, err = run("record", "room.toml", "-o", "sofa.npz", "--subject", "anna", "--label", "wave")
+    status, _, err = run("camera", "record", "room.toml", "-o", "sofa.npz", "--subject", "anna", "--label", "wave")
     assert status == 2 and "sofa.npz: holds 2-D tracks; give --tracks" in err
