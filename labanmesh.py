@@ -71,6 +71,7 @@ VERBS = {
     "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
     "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
     "score": Verb("studies.scoring.commands", "score", "score performances against takes that show how it is done"),
+    "new": Verb("deploy.new_package.commands", "new", "write a package of your own: observer, hub or fusion rule"),
 }
 
 OTHER_FORMS = {
@@ -190,7 +191,7 @@ def _dispatch(words: Sequence[str]) -> int:
             file=sys.stderr,
         )
         words = [*replacement.split(), *words[1:]]
-    if words[0] not in VERBS:
+    if words[0] not in VERBS and words[0] not in _installed_verbs():
         raise _unknown(words[0])
     try:
         return _run(words[0], words[1:])
@@ -204,9 +205,10 @@ def _dispatch(words: Sequence[str]) -> int:
 
 
 def overview() -> str:
-    """The text of `labanmesh --help`, made without importing any package."""
-    width = max(map(len, VERBS))
-    lines = [f"  {name:<{width}}  {verb.purpose}" for name, verb in VERBS.items()]
+    """The text of `labanmesh --help`, made without importing the package of any verb."""
+    verbs = VERBS | _installed_verbs()
+    width = max(map(len, verbs))
+    lines = [f"  {name:<{width}}  {verb.purpose}" for name, verb in verbs.items()]
     head = (
         "labanmesh: several cameras recognise one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
     )
@@ -218,7 +220,18 @@ def _unknown(verb: str) -> "BadInput":
     from common.errors import BadInput
     from common.text import nearest
 
-    return BadInput(f"{verb!r}: unknown verb; {nearest(verb, VERBS)}")
+    return BadInput(f"{verb!r}: unknown verb; {nearest(verb, (*VERBS, *_installed_verbs()))}")
+
+
+def _installed_verbs() -> dict[str, Verb]:
+    """The verbs of installed packages, from their entry points (docs/design/extend.md)."""
+    from common.plugins import plugins
+
+    entries = {name: each for name, each in plugins("verbs").items() if name not in VERBS}
+    return {
+        name: Verb(each.module, each.attr, f"of the package {each.dist.name}" if each.dist else "of another package")
+        for name, each in entries.items()
+    }
 
 
 def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
@@ -226,7 +239,7 @@ def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
     import typer
 
     forms = [OTHER_FORMS[key] for word in words if (key := (verb, word.partition("=")[0])) in OTHER_FORMS]
-    loaded = [*forms, VERBS[verb]][0].load()
+    loaded = [*forms, VERBS.get(verb) or _installed_verbs()[verb]][0].load()
     if isinstance(loaded, typer.Typer):
         return loaded
     # Without markup Typer breaks help between words and cuts no option short.

@@ -271,13 +271,13 @@ class DashboardConfig(Section):
 
 
 class HubConfig(Section):
-    """[hub]: listeners. start: those that `labanmesh up` starts, of "mqtt" and "dashboard"; with [history] or
-    [notify.NAME] it also starts `hub events`.
+    """[hub]: listeners. start: those that `labanmesh up` starts: "mqtt", "dashboard", and verbs of installed
+    packages; with [history] or [notify.NAME] it also starts `hub events`.
 
     certainty: the probability from which a movement is announced before it is decided; 1: never.
     """
 
-    start: Annotated[tuple[Literal["mqtt", "dashboard"], ...], Field(strict=False, examples=[["dashboard"]])] = ()
+    start: Annotated[tuple[str, ...], Field(strict=False, examples=[["dashboard"]])] = ()
     certainty: Share = 1.0
     mqtt: MqttConfig = MqttConfig()
     dashboard: DashboardConfig = DashboardConfig()

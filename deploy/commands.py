@@ -18,6 +18,8 @@ from common.command_options import LONGEST_S
 from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
+from common.plugins import plugins
+from common.text import nearest
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.launcher import Job, Launcher, RestartPolicy
 from deploy.scene_lock import only_once, runtime_folder
@@ -168,10 +170,17 @@ def jobs(path: Path, scene: Scene) -> list[Job]:
     ]
     by_hand = _fed_by_hand(scene)
     observe = [Job(name, [*python, "observe", str(path), name]) for name in scene.roster if name not in by_hand]
-    hubs = [Job(f"[{name}]", [*python, *HUBS[name], str(path)], lasting=True) for name in scene.hub.start]
+    hubs = [Job(f"[{name}]", [*python, *_hub_words(name), str(path)], lasting=True) for name in scene.hub.start]
     if scene.history.file or scene.notify:
         hubs.append(Job("[events]", [*python, "hub", "events", str(path)], lasting=True))
     return [*fuse, *observe, *hubs]
+
+
+def _hub_words(name: str) -> tuple[str, ...]:
+    """The words that start a hub, ours or a verb of an installed package; raises BadInput for an unknown one."""
+    if name not in HUBS and name not in (verbs := plugins("verbs")):
+        raise BadInput(f"hub.start = {name!r}: unknown hub; {nearest(name, (*HUBS, *verbs))}")
+    return HUBS.get(name, (name,))
 
 
 def with_ports(jobs: Sequence[Job], listen: str) -> list[Job]:

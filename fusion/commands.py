@@ -9,7 +9,6 @@ from typing import Annotated
 import typer
 
 from common.config import Scene, read_scene, require_compatible, scene_files
-from common.fusion_rules import rule_name
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, MeshRole
@@ -60,9 +59,11 @@ def fuse(
 
 def require_servable(scenes: Sequence[Scene], own: str, role: MeshRole, *, shared: bool) -> None:
     """Raises BadInput, one line, if the service `own` of this machine cannot serve these scenes together."""
+    from fusion.engine.rules import get_rule
+
     require_compatible(scenes)
     for scene in scenes:
-        rule_name(scene.fusion.rule)
+        get_rule(scene.fusion.rule)
         require_fits(scene)
         scene.require_service(own, shared=shared)
     for scene in scenes:

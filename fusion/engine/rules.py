@@ -2,8 +2,7 @@
 
 Shapes: p (N, M) posteriors, one row per observer, each summing to 1; prior (M,), positive; result: pooled p (M,) and
 weights (N,). No rule depends on the order of observers, and every rule follows a reordering of labels. To add a rule,
-write it and put it into RULES and `common.fusion_rules.FUSION_RULES`; tests/contracts/test_rules.py then checks
-these properties.
+write it and put it into RULES; tests/contracts/test_rules.py then checks these properties.
 
 Each rule has two steps, so that joint posteriors over movement and a second variable (which way the person faces) are
 pooled with the weights of the movements alone: `weigh` turns p into PoolingWeights, `mix` pools cells (N, M, K) by
@@ -18,9 +17,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from common.errors import BadInput
 from common.fusion_rules import DEFAULT_RULE as DEFAULT_RULE
-from common.fusion_rules import rule_name
+from common.fusion_rules import RETIRED_RULES
+from common.plugins import plugin, plugins
 from common.probability import SMALLEST, Floats, entropy_bits, softmax
+from common.text import nearest
 from fusion.engine.guarded_product import guarded_product, guarded_weights
 from fusion.engine.weighing import ENTROPY_FLOOR_BITS, ObserverTrust, PoolingWeights, Rule, Weigh
 
@@ -143,5 +145,15 @@ RULES = {
 
 
 def get_rule(name: str, where: str = "fusion.rule =") -> Rule:
-    """The rule of that name; raises BadInput for an unknown one. where: what has the name."""
-    return RULES[rule_name(name, where)]
+    """The rule of that name, ours or of an installed package; raises BadInput, one line, for an unknown one.
+
+    robust_inverse_entropy, the default of an earlier version, stands for the default. where: what has the name.
+    """
+    if name == "robust_inverse_entropy":
+        return RULES[DEFAULT_RULE]
+    if name in RETIRED_RULES:
+        raise BadInput(f"{where} {name!r}: this rule is gone; use {RETIRED_RULES[name]!r}")
+    rule = RULES.get(name) or plugin("rules", name)
+    if not isinstance(rule, Rule):
+        raise BadInput(f"{where} {name!r}: unknown rule; {nearest(name, (*RULES, *plugins('rules')))}")
+    return rule

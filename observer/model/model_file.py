@@ -25,7 +25,7 @@ from observer.geometry.views import THIS_CAMERA, View, is_this_camera
 from observer.model.base import Header, MovementModel
 from observer.model.parameters import check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
-from observer.model.registry import MODELS
+from observer.model.registry import MODELS, find_model
 from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from observer.score.reference_arrays import references_as_arrays, references_from_arrays
 
@@ -82,12 +82,12 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     document = json.loads(text)
     if document["format"] != FORMAT:
         raise BadInput(f"{path}: model format {document['format']}, this labanmesh reads {FORMAT}: learn it again")
-    if document["kind"] not in MODELS:
+    kind, header = find_model(str(document["kind"])), _header_from(document)
+    if kind is None:
         known = ", ".join(MODELS)
         raise BadInput(
             f"{path}: model kind {document['kind']!r} is unknown; known: {known}; {_learn_again(path, text)}"
         )
-    kind, header = MODELS[document["kind"]], _header_from(document)
     # Parameters that only earlier versions had are left out.
     own = {name: value for name, value in header.parameters.items() if name in kind.PARAMETERS}
     references = references_from_arrays(arrays, header.vocabulary.labels, header.body_parts, header.rate_hz)

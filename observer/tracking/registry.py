@@ -6,6 +6,7 @@ from pathlib import Path
 
 from common.config import ObserverConfig
 from common.errors import BadInput, LabanmeshError
+from common.plugins import plugin, plugins
 from common.text import nearest
 from common.tracker_choice import AUTO, Content, TrackerChoice
 from observer.foreign.track_line import ForeignTracker
@@ -95,13 +96,13 @@ TRACKERS: Mapping[str, TrackerKind] = {
 
 
 def tracker_named(name: str, key: str, content: Content) -> TrackerKind:
-    """The tracker of that name. key: the option or scene-file key of the name.
+    """The tracker of that name, ours or of an installed package. key: the option or scene-file key of the name.
 
     Raises BadInput for an unknown name, and for a tracker that cannot read this content.
     """
-    if name not in TRACKERS:
-        raise BadInput(f"{key} = {name!r}: unknown tracker; {nearest(name, [AUTO, *TRACKERS])}")
-    kind = TRACKERS[name]
+    kind = TRACKERS.get(name) or plugin("trackers", name)
+    if not isinstance(kind, TrackerKind):
+        raise BadInput(f"{key} = {name!r}: unknown tracker; {nearest(name, [AUTO, *TRACKERS, *plugins('trackers')])}")
     # The virtual camera turns positions into pictures; no other content can be converted.
     if kind.reads != content and (content, kind.reads) != ("positions", "pictures"):
         suitable = ", ".join(k.name for k in TRACKERS.values() if k.reads == content)

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
-from common.fusion_rules import DEFAULT_RULE, RETIRED_RULES, rule_name
+from common.fusion_rules import DEFAULT_RULE, RETIRED_RULES
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage, Vote
 from common.posterior import Repeated
 from common.probability import Floats, uniform
 from common.text import plural
 from common.vocabulary import Vocabulary
-from studies.fusion_engine import AgedPosterior, EngineOutput, FusionEngine
+from studies.fusion_engine import AgedPosterior, EngineOutput, FusionEngine, get_rule
 
 if TYPE_CHECKING:
     from common.config import FusionConfig, Scene
@@ -67,7 +67,7 @@ class ReplayChange:
         """Raises BadInput for an observer that is not in the scene, and when too few observers remain."""
         known = tuple(roster)
         if self.rule is not None:
-            rule_name(self.rule, "--rule")
+            get_rule(self.rule, "--rule")
         for observer in self.without:
             if observer not in known:
                 raise BadInput(f"--without {observer}: not in the scene; known: {', '.join(known)}")

@@ -142,6 +142,7 @@ def test_the_command_line_imports_a_package_only_for_its_verb():
         "common.files",
         "common.interrupt",
         "common.missing_library",
+        "common.plugins",
         "common.terminal",
         "common.text",
     )

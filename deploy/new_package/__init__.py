@@ -1,0 +1,1 @@
+"""`labanmesh new`: a package of one's own that extends labanmesh."""
