@@ -8,6 +8,7 @@ window. In a window of several channels each pair of kernel and dilation sums ov
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 from typing import Self
 
@@ -18,7 +19,7 @@ from common.errors import BadInput
 from observer.tracks import Floats32, Integers
 
 TAPS = 9
-"""Weights of a kernel; this number and those below are the paper's, but for CHUNK."""
+"""Weights of a kernel; this number and those below are the paper's, but for LEAST_BIAS and CHUNK."""
 KERNELS = np.full((84, TAPS), -1, dtype=np.float32)
 """(84, 9) weights: every choice of three positions has weight 2, the rest has -1; the sum is 0."""
 for _row, _twos in enumerate(combinations(range(TAPS), 3)):
@@ -27,7 +28,9 @@ MOST_DILATIONS = 32
 MOST_CHANNELS = 9
 """The largest number of channels over which one kernel sums."""
 GOLDEN_RATIO = (5**0.5 + 1) / 2
-CHUNK = 16
+LEAST_BIAS = 1e-5
+"""Body sizes: above the rounding of float32."""
+CHUNK = 4
 """Windows that are transformed together: their convolutions stay in the processor's cache."""
 
 
@@ -74,9 +77,7 @@ class MiniRocket:
         self.length = length
         self.parameters = parameters
         self.features = sum(bias.size for bias in parameters.biases)
-        self._weights = [weights_of(channels) for channels in parameters.channels]
         self._margins = [int(dilation) * (TAPS // 2) for dilation in parameters.dilations]
-        self._reach = max(self._margins)
         steps = zip(self._margins, parameters.biases, strict=True)
         limits = [_limits(length, *step, number) for number, step in enumerate(steps)]
         shares = [1 / np.isfinite(limit).sum(axis=1) for limit in limits]
@@ -107,8 +108,10 @@ class MiniRocket:
         biases = []
         for dilation, own, quantile in zip(dilations, channels, np.split(quantiles, ends[:-1]), strict=True):
             shown = windows[rng.integers(len(windows), size=len(KERNELS))]
-            convolved = np.einsum("knq,qk->kn", taps_of(shown, int(dilation)), weights_of(own))
-            biases.append(row_quantiles(convolved, quantile.reshape(len(KERNELS), -1)).T.astype(np.float32, order="C"))
+            # Of each kernel its own window.
+            convolved = np.einsum("kqk->kq", convolve(shown, own, int(dilation)))
+            bias = biases_of(convolved, quantile.reshape(len(KERNELS), -1)).T
+            biases.append(bias.astype(np.float32, order="C"))
         return cls(windows.shape[2], RocketParameters(dilations, channels, tuple(biases)))
 
     def transform(self, windows: NDArray[np.floating]) -> Floats32:
@@ -119,23 +122,23 @@ class MiniRocket:
         expected = (self.parameters.channels.shape[2], self.length)
         if windows.ndim != 3 or windows.shape[1:] != expected:
             raise BadInput(f"windows {windows.shape}: (N, {expected[0]}, {expected[1]}) is expected")
-        result = np.empty((len(windows), self.features), dtype=np.float32)
-        for begin in range(0, len(windows), CHUNK):
-            self._count(windows[begin : begin + CHUNK], result[begin : begin + CHUNK])
-        result *= self._shares
-        return result
+        chunks = (windows[begin : begin + CHUNK] for begin in range(0, len(windows), CHUNK))
+        counts = [self._counts(chunk).reshape(-1, self.features) for chunk in chunks]
+        return np.concatenate(counts, dtype=np.float32) * self._shares
 
-    def _count(self, windows: NDArray[np.floating], result: Floats32) -> None:
-        """Write at how many instants each convolution exceeds each bias."""
-        padded, count, begin = pad(windows, self._reach), len(windows), 0
-        for margin, weights, limits in zip(self._margins, self._weights, self._limits, strict=True):
-            convolved = _taps(padded, self.length, self._reach, margin) @ weights
-            above = convolved.reshape(count, 1, -1) > limits
-            by_instant = above.view(np.uint8).reshape(count, len(limits), self.length, -1)
-            counts = np.add.reduce(by_instant, axis=2, dtype=self._counter)
-            end = begin + counts[0].size
-            result[:, begin:end] = counts.reshape(count, -1)
+    def _counts(self, windows: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
+        """(N, C, n) -> (N, B, 84): at how many instants each convolution exceeds each bias."""
+        own, count, begin = self.parameters, len(windows), 0
+        above = np.empty((count, self.features // len(KERNELS), self.length * len(KERNELS)), np.bool_)
+        for channels, dilation, limits in zip(own.channels, own.dilations.tolist(), self._limits, strict=True):
+            end = begin + len(limits)
+            convolved = convolve(windows, channels, dilation).reshape(count, 1, -1)
+            np.greater(convolved, limits, out=above[:, begin:end])
             begin = end
+        by_instant = above.view(np.uint8).reshape(*above.shape[:2], self.length, -1)
+        # Faster than a sum over the axis.
+        counts: NDArray[np.unsignedinteger] = np.einsum("nbqk->nbk", by_instant, dtype=self._counter)
+        return counts
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """For a model file; `from_arrays` reads them."""
@@ -179,35 +182,32 @@ def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> 
     return chosen
 
 
-def weights_of(channels: NDArray[np.bool_] | Floats32) -> Floats32:
-    """(84, C) how often a kernel adds a channel -> (9 * C, 84) weights of one matrix product."""
-    weights = KERNELS.T[:, None, :] * channels.T[None]
-    return np.ascontiguousarray(weights.reshape(-1, len(KERNELS)), dtype=np.float32)
+def convolve(windows: NDArray[np.floating], channels: NDArray[np.floating], dilation: int) -> Floats32:
+    """(N, C, n) windows and (84, C) how often a kernel adds a channel -> (N, n, 84); a window is 0 outside.
+
+    Channels are added first, so that the taps of a kernel weigh one row, however many channels there are.
+    """
+    count, _, length = windows.shape
+    margin, kernels = dilation * (TAPS // 2), len(KERNELS)
+    sums = np.zeros((count, length + 2 * margin, kernels), np.float32)
+    np.matmul(windows.transpose(0, 2, 1), channels.T, out=sums[:, margin : margin + length])
+    by_window, by_frame, by_kernel = sums.strides
+    shape, strides = (count, TAPS, length * kernels), (by_window, by_frame * dilation, by_kernel)
+    taps: Floats32 = np.ndarray(shape, np.float32, sums, strides=strides)
+    result: Floats32 = np.einsum("ntx,tx->nx", taps, _tap_weights(length))
+    return result.reshape(count, length, kernels)
 
 
-def pad(windows: NDArray[np.floating], margin: int) -> Floats32:
-    """(N, C, n) -> (N, C, margin + n + margin), zero outside."""
-    count, channels, length = windows.shape
-    padded = np.zeros((count, channels, length + 2 * margin), dtype=np.float32)
-    padded[:, :, margin : margin + length] = windows
-    return padded
+@lru_cache(maxsize=8)
+def _tap_weights(length: int) -> Floats32:
+    """(9, n * 84): the weights of each tap at all instants."""
+    return np.tile(KERNELS.T, length)
 
 
-def taps_of(windows: Floats32, dilation: int) -> Floats32:
-    """(N, C, n) windows -> (N, n, 9 * C): at each instant the nine frames that a dilated kernel weighs, 0 outside."""
-    margin = dilation * (TAPS // 2)
-    return _taps(pad(windows, margin), windows.shape[2], margin, margin)
-
-
-def _taps(padded: Floats32, length: int, reach: int, margin: int) -> Floats32:
-    """The same from windows that are padded by `reach` frames on both sides, at least `margin`."""
-    count, channels, _ = padded.shape
-    by_window, by_channel, by_frame = padded.strides
-    strides = (by_window, by_frame * (margin // (TAPS // 2)), by_channel, by_frame)
-    offset = (reach - margin) * by_frame
-    view: Floats32 = np.ndarray((count, TAPS, channels, length), np.float32, padded, offset, strides)
-    # Copied with the instants last, in long pieces; the product takes either order.
-    return view.reshape(count, TAPS * channels, length).transpose(0, 2, 1)
+def biases_of(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(K, Q) quantiles of convolutions, as `row_quantiles`; a person who is still has 0, but for rounding."""
+    bias = row_quantiles(rows, quantiles)
+    return np.where(np.abs(bias) < LEAST_BIAS, LEAST_BIAS, bias)
 
 
 def row_quantiles(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from observer.features import REFERENCE_HZ
 from observer.model.body_trace import relative_and_path
-from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, row_quantiles, weights_of
+from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, biases_of, choose_channels
 from observer.tracks import Floats, Floats32, Integers
 
 SHORTEST_S = 0.4
@@ -77,9 +77,7 @@ class TrailingFeatures:
         biases = []
         for dilation, own in zip(windows.dilations, channels, strict=True):
             rows = np.concatenate([_convolve(path, dilation, weights_of(own)) for path in shown])
-            bias = row_quantiles(rows.T, np.roll(quantiles, dilation)[:, None])[:, 0]
-            # The convolution of a person who is still is 0, but for rounding.
-            biases.append(np.where(np.abs(bias) < LEAST_BIAS, LEAST_BIAS, bias))
+            biases.append(biases_of(rows.T, np.roll(quantiles, dilation)[:, None])[:, 0])
         return cls(windows, rate_hz, channels, np.array(biases, np.float32))
 
     def of(self, rows: Floats32, at: Integers) -> Floats32:
@@ -212,8 +210,12 @@ MOST_SHOWN = 48
 """Traces whose convolutions tell the quantiles for the biases."""
 MOST_WINDOW = 100_000
 """Frames: a longer window in a model file is an error, and would fill the memory."""
-LEAST_BIAS = 1e-5
-"""Body sizes: above the rounding of float32."""
+
+
+def weights_of(channels: NDArray[np.bool_]) -> Floats32:
+    """(84, C) whether a kernel adds a channel -> (9 * C, 84) weights of one matrix product."""
+    weights = KERNELS.T[:, None, :] * channels.T[None]
+    return np.ascontiguousarray(weights.reshape(-1, len(KERNELS)), dtype=np.float32)
 
 
 def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:
