@@ -11,8 +11,11 @@ from hypothesis import settings
 import common.parallel
 import common.progress
 
-LONG = {"e2e", "faults", "integration", "attacks"}
-"""Folders of tests that start processes, or wait for them."""
+BY_THE_CLOCK = {"attacks", "deploy", "e2e", "examples", "faults", "hub", "integration"}
+"""Folders of tests that start processes and wait for them: they need little of a processor, and need it at once."""
+
+NICE = 5
+"""What a calculation beside tests by the clock leaves them: a third of its weight, by the scheduler's table of 1.25 a step."""
 
 # Before NumPy is imported: the workers, and the processes that tests start, would fight for the cores.
 for _library in ("OMP", "OPENBLAS", "MKL"):
@@ -43,20 +46,26 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Each worker begins with files of long tests, so that none is left with a long one at the end.
+    """Half of the workers begin with tests by the clock, the others with calculations, and these give way to processes.
 
-    pytest-xdist gives each worker an equal part of the list, in its order; those that are done take from others.
+    pytest-xdist gives each worker an equal part of the list, in its order; those that are done take from others' ends.
     """
+    worker = getattr(config, "workerinput", {"workerid": "gw0", "workercount": 1})
+    parts: list[list[pytest.Item]] = [[] for _ in range(worker["workercount"])]
+    waiting = -(-len(parts) // 2)
+    if int(worker["workerid"][2:]) >= waiting:
+        os.nice(NICE)
     files: dict[Path, list[pytest.Item]] = {}
     for item in items:
         files.setdefault(item.path, []).append(item)
-    long = [path for path, tests in files.items() if LONG & set(path.parts) or any(map(_is_slow, tests))]
-    parts: list[list[pytest.Item]] = [[] for _ in range(getattr(config, "workerinput", {}).get("workercount", 1))]
-    for n, path in enumerate(long):
-        parts[n % len(parts)] += files.pop(path)
+    by_the_clock = [path for path in files if BY_THE_CLOCK & set(path.parts)]
+    slow = [path for path in files if path not in by_the_clock and any(map(_is_slow, files[path]))]
+    for paths, of_them in ((by_the_clock, parts[:waiting]), (slow, parts[waiting:] or parts)):
+        for n, path in enumerate(paths):
+            of_them[n % len(of_them)] += files.pop(path)
     short = [item for tests in files.values() for item in tests]
     for part in parts:
-        missing = -(-len(items) // len(parts)) - len(part)
+        missing = max(-(-len(items) // len(parts)) - len(part), 0)
         part += short[:missing]
         del short[:missing]
     items[:] = [item for part in parts for item in part]

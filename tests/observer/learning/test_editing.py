@@ -1,7 +1,6 @@
 """A person's own movements: few recordings, cautious calibration; movements added and removed, others unchanged."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -29,19 +28,9 @@ def people():
 
 
 @pytest.fixture(scope="module")
-def model_of(people):
-    """The model of a kind, learned once."""
-
-    @cache
-    def learned(kind):
-        return learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind)
-
-    return learned
-
-
-@pytest.fixture(scope="module")
-def model(model_of):
-    return model_of("stacked")
+def model(people):
+    old = recordings_of(people, ("1", "2"), OLD)
+    return learn_view(old, DOOR, Vocabulary(OLD), parameters={"kernels": 336.0})
 
 
 @pytest.fixture(scope="module")

@@ -40,13 +40,13 @@ def mirrored(takes, label):
     return [replace(r, positions=positions, label=label) for r, positions in zip(takes, swapped, strict=True)]
 
 
-def judged(takes, labels, shown):
+SEEDS = (0.0, 1.0)
+
+
+def judged(takes, labels, shown, seeds=SEEDS):
     """(N,) whether each instant is recognised, and (N,) nats of the right movement, by models of several seeds: another
     take is also another draw of the windows that give the kernels their biases."""
-    return tuple(np.concatenate(each) for each in zip(*(_judged(takes, labels, shown, s) for s in SEEDS), strict=True))
-
-
-SEEDS = (0.0, 1.0)
+    return tuple(np.concatenate(each) for each in zip(*(_judged(takes, labels, shown, s) for s in seeds), strict=True))
 
 
 def _judged(takes, labels, shown, seed):
@@ -81,7 +81,9 @@ def test_one_more_changes_little(people, labels, subjects, trials, last):
     if last is None:
         more_labels = (*labels, "the_other_hand")
         more = [*few, *mirrored(takes_of(people, subjects, ("byebye",), trials), more_labels[-1])]
-    before, after = judged(few, labels, shown), judged(more, more_labels, shown)
+    # Models of many takes differ little by their seed, and take longest.
+    seeds = SEEDS[-1:] if len(few) >= 60 else SEEDS
+    before, after = judged(few, labels, shown, seeds), judged(more, more_labels, shown, seeds)
     assert len(before[0]) >= 100
     # Two seeds of one model differ by up to 3 points.
     assert abs(np.mean(after[0]) - np.mean(before[0])) <= 0.05
