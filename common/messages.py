@@ -184,7 +184,8 @@ class VerdictMessage(JudgementMessage):
     movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or stale;
     those of an abstention are to the label that was most probable. `facets` and `repetitions` are those at the end of
     the movement, once it is known. `same_as`: the movement's other id, after a split network (docs/reference/wire.md).
-    `score`, 0 to 10, `scores` by observer, `remarks` in words: of an ended movement that observers can score.
+    `score`, 0 to 10, `scores` by observer, `remarks` in words: of an ended movement that observers can score;
+    `unscored` says why none of them could.
     """
 
     id: Id
@@ -200,6 +201,7 @@ class VerdictMessage(JudgementMessage):
     remarks: list[Annotated[str, Field(max_length=REMARK_LIMIT), Printable]] | None = Field(
         default=None, max_length=REMARKS_LIMIT
     )
+    unscored: Annotated[str, Field(max_length=REMARK_LIMIT), Printable] | None = None
 
     @model_validator(mode="before")
     @classmethod

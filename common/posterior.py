@@ -25,7 +25,7 @@ from common.message_types import (
     TEXT_LIMIT,
     require_table,
 )
-from common.score import BEST_SCORE, REMARKS_LIMIT, remark_words
+from common.score import BEST_SCORE, REMARK_LIMIT, REMARKS_LIMIT, remark_words
 from common.text import printable
 
 SUM_TOLERANCE = 1e-3
@@ -135,13 +135,31 @@ class ObservedScore(Struct, frozen=True, kw_only=True, gc=False):
         return replace(self, ended_ns=self.ended_ns + by_ns)
 
 
+class Unscored(Struct, frozen=True, kw_only=True, gc=False):
+    """Why one observer has no score of the movement that ended at `ended_ns`, if it was `label`."""
+
+    label: _Name
+    ended_ns: Annotated[int, Meta(ge=0, le=LAST_INTEGER)]
+    reason: str
+
+    def __post_init__(self) -> None:
+        if not (self.label + self.reason).isprintable() or len(self.reason) > REMARK_LIMIT:
+            force_setattr(self, "label", printable(self.label))
+            force_setattr(self, "reason", printable(self.reason[:REMARK_LIMIT]))
+
+    def shifted(self, by_ns: int) -> "Unscored":
+        """The same by a clock that is so far ahead."""
+        return replace(self, ended_ns=self.ended_ns + by_ns)
+
+
 class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_defaults=True):
     """The posterior of one observer: `p` over the vocabulary's movements, cumulative since the movement began.
 
     `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
     `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic;
     `repeated` says more about them. `score`: how well the last movement that is over was done, if its label has
-    reference takes. In version 2 `scene` and `observer` may be omitted, because the key carries them.
+    reference takes; `unscored`: why it has no score. In version 2 `scene` and `observer` may be omitted, because the
+    key carries them.
 
     Raises ValueError for what is no distribution.
     """
@@ -166,6 +184,7 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
     repetitions: Annotated[float, Meta(ge=0)] | None = None
     repeated: Repeated | None = None
     score: ObservedScore | None = None
+    unscored: Unscored | None = None
 
     def __post_init__(self) -> None:
         if self.v == 1 and (self.scene is None or self.observer is None):

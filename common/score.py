@@ -4,7 +4,7 @@ BEST_SCORE = 10.0
 REMARKS_LIMIT = 3
 """Remarks on one performance: people remember no more."""
 REMARK_LIMIT = 120
-"""Characters of a remark in words."""
+"""Characters of a remark in words, and of the reason why there is no score."""
 
 
 def remark_words(joint: str, degrees: float, moment: float) -> str:

@@ -54,7 +54,7 @@ OPTIONAL_DETAIL = (
     ("votes", "repeated"),
     ("votes", "repetitions"),
     ("movements",),
-    *(("leans_on",), ("observers",), ("remarks",), ("scores",), ("score",)),
+    *(("leans_on",), ("observers",), ("remarks",), ("scores",), ("score",), ("unscored",)),
 )
 """What `encode` leaves out of a message that is too long, in this order, until it fits."""
 DETAIL_LIMIT = 200

@@ -26,7 +26,7 @@ from hub.anticipation import NEVER, Anticipation, EarlyWord
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
 from hub.terminal import render
-from hub.wording import early_line, fall_line, judgement_line, score_line, verdict_line
+from hub.wording import early_line, fall_line, judgement_line, score_line, score_words, verdict_line
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -144,8 +144,8 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
             case VerdictMessage(id=verdict_id, label=label) as verdict if shown.get(verdict_id) != label:
                 print(verdict_line(_revision(verdict, shown.get(verdict_id))), flush=True)
                 shown[verdict_id] = label
-                scored = verdict_id if verdict.score is not None else scored
-            case VerdictMessage(id=verdict_id, score=float()) as verdict if verdict_id != scored:
+                scored = verdict_id if score_words(verdict) else scored
+            case VerdictMessage(id=verdict_id) as verdict if verdict_id != scored and score_words(verdict):
                 print(score_line(verdict), flush=True)
                 scored = verdict_id
         due = abs(state.now_ns - shown_ns) >= LINE_EVERY_S * SECOND_NS

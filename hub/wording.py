@@ -175,9 +175,9 @@ def score_line(verdict: VerdictMessage) -> str:
 
 
 def score_words(verdict: VerdictMessage) -> str:
-    """`7.8 of 10; left knee: 12 degrees too straight at 60 %`; empty without a score."""
+    """`7.8 of 10; left knee: 12 degrees too straight at 60 %`, or why it is not scored; empty where nobody scores."""
     if verdict.score is None:
-        return ""
+        return "" if verdict.unscored is None else printable(f"not scored, {verdict.unscored}")
     return printable("; ".join([f"{verdict.score:.1f} of 10", *(verdict.remarks or ())]))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from common.messages import PosteriorMessage, VoteState
-from common.posterior import ObservedScore, Repeated
+from common.posterior import ObservedScore, Repeated, Unscored
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
 from fusion.engine.trust import HONEST, information_of
 
@@ -47,7 +47,7 @@ class AgedPosterior:
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
     labels and its course (trust.py). correlations: with other observers, learned from verdicts (trust.py).
     freshness: k of rules 3 and 7, 0 to 1. repetitions, repeated: as published. answers: `answers_of` it, if known.
-    score: as published, by our clock.
+    score: as published, or why there is none, by our clock.
     """
 
     observer: str
@@ -65,7 +65,7 @@ class AgedPosterior:
     repetitions: float | None = None
     answers: Floats | None = None
     repeated: Repeated | None = None
-    score: ObservedScore | None = None
+    score: ObservedScore | Unscored | None = None
 
     @property
     def information(self) -> float:
@@ -96,7 +96,7 @@ class RosterEntry:
     rest: float = 1.0
     surprise: Surprise | None = None
     facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
-    score: ObservedScore | None = None
+    score: ObservedScore | Unscored | None = None
     steady: float = HONEST
     stays: float = HONEST
     session_ns: int = 0

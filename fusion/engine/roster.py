@@ -107,7 +107,8 @@ class Roster:
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
         state.facets = message.facets or NO_FACETS
-        state.score = message.score and message.score.shifted(captured_ns - message.captured_ns)
+        scored = message.score or message.unscored
+        state.score = scored and scored.shifted(captured_ns - message.captured_ns)
         state.gone, state.fault = False, None
         return None
 

@@ -4,6 +4,7 @@ The design: fusion.md, "Trust". A verdict, one per movement, is validated.
 """
 
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -14,6 +15,7 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import ROUND_OFF
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
+from common.posterior import ObservedScore, Unscored
 from common.probability import Floats
 from common.score import REMARK_LIMIT
 from fusion.engine.messages import PublishedFacets, Stamp
@@ -223,7 +225,8 @@ def _seconds(seconds: float) -> str:
 
 
 def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> VerdictMessage:
-    """The verdict with the pooled score of its movement, if it has ended and an observer has scored it as its label.
+    """The verdict with the pooled score of its movement, if it has ended and an observer has scored it as its label, or
+    with the reason that most of them have why it is not scored.
 
     A score of what ended before this movement began, or well before it ended, is of an earlier one or of a part of it,
     and not used (docs/design/score.md).
@@ -231,13 +234,15 @@ def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> 
     if verdict.ended_ns is None:
         return verdict
     earliest_ns = max(verdict.began_ns, verdict.ended_ns - 2 * round(NOTICED_S * SECOND_NS))
-    judged = {
+    said = {
         each.observer: each.score
         for each in posteriors
         if each.score is not None and each.score.label == verdict.label and each.score.ended_ns > earliest_ns
     }
+    judged = {name: own for name, own in said.items() if isinstance(own, ObservedScore)}
     if not judged:
-        return verdict
+        reasons = Counter(own.reason for own in said.values() if isinstance(own, Unscored))
+        return verdict.model_copy(update={"unscored": reasons.most_common(1)[0][0]}) if reasons else verdict
     score = pooled_score({name: JudgedScore(own.score, own.certainty) for name, own in judged.items()})
     remarks = pooled_remarks([own.remarks for own in judged.values()])
     return verdict.model_copy(

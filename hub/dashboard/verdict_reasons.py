@@ -53,6 +53,8 @@ def _majority(verdict: VerdictMessage, votes: Mapping[str, Vote], quorum: int | 
 
 
 def _score(verdict: VerdictMessage) -> Iterator[str]:
+    if verdict.unscored is not None:
+        yield f"Not scored: {verdict.unscored}."
     if verdict.score is None:
         return
     judges = verdict.scores or {}

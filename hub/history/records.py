@@ -16,7 +16,7 @@ NS_PER_MS = 1_000_000
 PAGE_FIELDS = (
     "kind", "id", "label", "began", "ended", "p", "agree", "of", "revises", "corrected", "repetitions", "score",
 )  # fmt: skip
-DETAIL = ("why", "unlearned", "repetitions", "score", "scores", "remarks", "facing_deg", "rule", "fusion")
+DETAIL = ("why", "unlearned", "repetitions", "score", "scores", "remarks", "unscored", "facing_deg", "rule", "fusion")
 """Further fields of a verdict that are kept where they are there."""
 
 

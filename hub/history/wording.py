@@ -32,6 +32,8 @@ def what_of(row: HistoryRow) -> str:
         words.append(f"{repetitions} times")
     if (score := detail.get("score")) is not None:
         words.append(f"{score:.1f} of 10")
+    if (reason := detail.get("unscored")) is not None:
+        words.append(f"(not scored, {reason})")
     if row.corrected is not None:
         words.append(f"(was {row.corrected or 'something else'})")
     return printable(" ".join(words))

@@ -149,9 +149,10 @@ def _facts(verdict: VerdictMessage) -> dict[str, Any]:
 
 
 def _score(verdict: VerdictMessage) -> dict[str, Any]:
-    """The score of an ended movement, and how it comes about; null without one."""
+    """The score of an ended movement, and how it comes about, or why there is none; else null."""
     scores = None if verdict.scores is None else {name: round(score, 1) for name, score in verdict.scores.items()}
-    return {"score": rounded(verdict.score, 1), "scores": scores, "remarks": verdict.remarks}
+    fields = {"scores": scores, "remarks": verdict.remarks, "unscored": verdict.unscored}
+    return {"score": rounded(verdict.score, 1), **fields}
 
 
 def _contributions(verdict: VerdictMessage) -> dict[str, Any] | None:

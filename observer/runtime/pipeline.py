@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from common.messages import Facing, PosteriorMessage, VocabularyHash
-from common.posterior import ObservedScore, Repeated
+from common.posterior import ObservedScore, Repeated, Unscored
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
@@ -32,7 +32,7 @@ class Posterior:
     P(facing | movement), None for a model with one facing. unlearned: P(none of the vocabulary), None if the model
     cannot tell. repetitions, repeated: of the likeliest movement, None unless it is periodic. judged: whether the
     newest frame is judged too; an observer in a hurry only follows some of them. score: of the last movement
-    that is over, None unless the model has references of it.
+    that is over, or why it has none; None unless the model has references.
     """
 
     p: Floats
@@ -45,7 +45,7 @@ class Posterior:
     repetitions: float | None = None
     repeated: Repeated | None = None
     judged: bool = True
-    score: ObservedScore | None = None
+    score: ObservedScore | Unscored | None = None
 
 
 class Observer:
@@ -159,6 +159,7 @@ class PosteriorEncoder:
     def encode(self, posterior: Posterior, captured_ns: int, now_ns: int) -> PosteriorMessage:
         """The posterior of the frame captured at `captured_ns` as a message, which clamps round-off."""
         facing = posterior.facing if self._directed else None
+        score = posterior.score
         message = PosteriorMessage(
             v=2,
             seq=self.seq,
@@ -175,7 +176,8 @@ class PosteriorEncoder:
             facets={name: p.tolist() for name, p in posterior.facets.items()} or None,
             repetitions=posterior.repetitions,
             repeated=posterior.repeated,
-            score=posterior.score,
+            score=score if isinstance(score, ObservedScore) else None,
+            unscored=score if isinstance(score, Unscored) else None,
         )
         self.seq += 1
         return message

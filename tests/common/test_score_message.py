@@ -8,7 +8,7 @@ from message_stage import posterior, reason_of, verdict
 
 from common.message_types import LAST_INTEGER
 from common.messages import PosteriorMessage, VerdictMessage
-from common.posterior import ObservedRemark, ObservedScore
+from common.posterior import ObservedRemark, ObservedScore, Unscored
 from common.wire import decode, encode
 
 REMARK = {"joint": "left knee", "moment": 0.5, "degrees": 12.0, "strength": 2.0}
@@ -54,6 +54,21 @@ def test_a_score_out_of_range_is_rejected(fields):
 def test_names_hold_no_control_characters():
     message = decode(PosteriorMessage, with_score(label="wa\x1bve", remarks=[{**REMARK, "joint": "knee\n"}]))
     assert message.score.label.isprintable() and message.score.remarks[0].joint.isprintable()
+
+
+def test_a_posterior_says_why_it_has_no_score():
+    own = Unscored(label="wave", ended_ns=5, reason="its begin was not seen")
+    message = decode(PosteriorMessage, encode(posterior(unscored=own)))
+    assert message.unscored == own and own.shifted(-2).ended_ns == 3 and message.score is None
+    assert "unscored" not in msgpack.unpackb(encode(posterior()))
+    fields = {
+        **msgpack.unpackb(encode(posterior())),
+        "unscored": {"label": "wave", "ended_ns": 5, "reason": "x\x1b" * 99},
+    }
+    reason = decode(PosteriorMessage, msgpack.packb(fields)).unscored.reason
+    assert len(reason) == 120 and reason.isprintable()
+    fields["unscored"]["ended_ns"] = -1
+    assert reason_of(PosteriorMessage, msgpack.packb(fields)) == "malformed"
 
 
 def test_a_verdict_carries_score_scores_and_remarks():

@@ -54,6 +54,7 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
         message = verdict(
             p=[1 / size] * size, facets=facets, contributions=contributions, votes=dict.fromkeys(others, entry),
             score=7.5, scores={"cam1": 7.5}, remarks=["left knee: 12 degrees too straight at 60 %"],
+            unscored="its begin was not seen",
         )  # fmt: skip
         payload = encode(message)
         missing = [d for d in detail_left_out(msgpack.unpackb(payload)) if d in detail]

@@ -38,7 +38,7 @@ def test_the_story_of_one_bow():
     assert (verdict.label, verdict.began_ns, verdict.decided_ns) == ("bow", began_ns, scene.now_ns)
     assert verdict.ended_ns is None
     own = {"id", "began_ns", "decided_ns", "ended_ns", "movement", "contributions", "stage", "revises", "same_as"}
-    own |= {"score", "scores", "remarks"}
+    own |= {"score", "scores", "remarks", "unscored"}
     assert verdict.model_dump(exclude=own) == judgement.model_dump(exclude={"movement"})
     ours = {"id", "began_ns", "label", "decided_ns", "revises"}
     assert judgement.movement.model_dump(exclude={"outage_ns"}) == verdict.model_dump(include=ours)

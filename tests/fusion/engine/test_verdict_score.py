@@ -5,7 +5,7 @@ from engine_stage import MOVING, REST, VIEWS, EngineDriver, all_views, sure
 
 from common import SECOND_NS
 from common.clock_skew import ClockReading
-from common.posterior import ObservedRemark, ObservedScore
+from common.posterior import ObservedRemark, ObservedScore, Unscored
 
 KNEE = ObservedRemark(joint="left knee", moment=0.6, degrees=12.0, strength=2.0)
 ELBOW = ObservedRemark(joint="right elbow", moment=0.2, degrees=-9.0, strength=1.5)
@@ -15,14 +15,21 @@ def scored(driver, score, label="bow", ago_s=0.0, **fields):
     return ObservedScore(label=label, score=score, ended_ns=driver.now_ns - round(ago_s * SECOND_NS), **fields)
 
 
+def unscored(driver, reason, label="bow", ago_s=0.0):
+    return Unscored(label=label, reason=reason, ended_ns=driver.now_ns - round(ago_s * SECOND_NS))
+
+
 def ended(driver, make_scores, label="bow"):
-    """A movement to its end: the last verdict. make_scores: the score of each observer that has one, at its rest."""
+    """A movement to its end: the last verdict. make_scores: the score of each observer that has one, or why it has
+    none, at its rest."""
     driver.step(all_views(sure(label)), MOVING, times=15)
     scores = make_scores(driver)
     for _ in range(15):
         driver.tick()
         for name in VIEWS:
-            assert driver.publish(name, sure(label), REST, score=scores.get(name)) is None
+            own = scores.get(name)
+            field = "unscored" if isinstance(own, Unscored) else "score"
+            assert driver.publish(name, sure(label), REST, **{field: own}) is None
         driver.fuse()
     *before, last = driver.verdicts
     assert last.stage == "ended" and all(each.score is None for each in before if each.id == last.id)
@@ -58,6 +65,25 @@ def test_nobody_scores_nothing_is_said():
     ended(driver, lambda d: {"door": scored(d, 5.0)})
     # The next movement begins after that score.
     assert ended(driver, lambda d: {"door": scored(d, 5.0, ago_s=20.0)}).score is None
+
+
+def test_a_verdict_without_a_score_has_the_reason_that_most_observers_give():
+    def reasons(driver):
+        return {
+            "door": unscored(driver, "its begin was not seen"),
+            "wheel": unscored(driver, "too little is seen: not the left leg"),
+            "back": unscored(driver, "too little is seen: not the left leg"),
+            "table": unscored(driver, "of another movement", label="lunge"),
+        }
+
+    verdict = ended(EngineDriver(), reasons)
+    assert verdict.score is verdict.scores is None and verdict.unscored == "too little is seen: not the left leg"
+
+
+def test_one_score_is_enough_and_the_reason_of_an_earlier_movement_is_none():
+    verdict = ended(EngineDriver(), lambda d: {"door": unscored(d, "far away"), "wheel": scored(d, 6.0)})
+    assert (verdict.score, verdict.scores, verdict.unscored) == (6.0, {"wheel": 6.0}, None)
+    assert ended(EngineDriver(), lambda d: {"door": unscored(d, "far away", ago_s=30.0)}).unscored is None
 
 
 def test_the_time_of_a_score_is_by_the_clock_of_fusion():

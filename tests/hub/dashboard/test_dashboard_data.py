@@ -37,7 +37,9 @@ def test_a_verdict_has_its_score_and_why_names_the_judges(make, after):
     assert data["score"] == 7.8 and "Left knee: 12 degrees ...." in data["why"]
     assert "Scored 7.8 of 10 against the reference takes: cam1 7.1, cam2 8.6." in data["why"]
     plain = verdict_data(make.verdict(1), after(make.verdict(1)), None)
-    assert plain["score"] is None and not any("Scored" in each for each in plain["why"])
+    assert plain["score"] is None and not any("cored" in each for each in plain["why"])
+    none = make.verdict(1, ended_ns=make.NOON, unscored="its begin was not seen")
+    assert "Not scored: its begin was not seen." in verdict_data(none, after(none), None)["why"]
 
 
 def test_a_snapshot_has_all_that_a_browser_needs(make, after):

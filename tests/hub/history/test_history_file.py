@@ -65,6 +65,14 @@ def test_a_score_is_kept_with_those_of_the_judges(path, make):
     assert row().as_page()[-1] is None
 
 
+def test_why_there_is_no_score_is_kept(path, make):
+    with HistoryFile.to_write(path) as file:
+        file.add(row_of(make.verdict(ended_ns=NOON, unscored="its begin was not seen")))
+        (kept,) = file.select(HistoryQuery())
+    assert kept.as_json()["unscored"] == "its begin was not seen"
+    assert "nthrow (not scored, its begin was not seen)" in row_line(kept)[1]
+
+
 def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
     with HistoryFile.to_write(path) as file:
         assert row_of(fall("low")) is None and row_of(fall("up", id=None)) is None

@@ -307,7 +307,9 @@ def test_an_ended_verdict_has_its_score_and_others_have_none(make):
     for fields in (verdict_event(verdict, "ended"), json.loads(last_verdict_state(verdict))):
         assert (fields["score"], fields["scores"], fields["remarks"]) == (7.8, {"cam1": 7.8}, how["remarks"])
     unknown = verdict_event(make.verdict(1), "decided")
-    assert [unknown[each] for each in ("score", "scores", "remarks")] == [None] * 3
+    assert [unknown[each] for each in ("score", "scores", "remarks", "unscored")] == [None] * 4
+    none = make.verdict(1, ended_ns=make.NOON, unscored="its begin was not seen")
+    assert verdict_event(none, "ended")["unscored"] == "its begin was not seen"
 
 
 def test_an_observers_reliability_is_a_diagnosis(driver, make):

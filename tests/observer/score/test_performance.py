@@ -76,7 +76,8 @@ def test_a_performance_is_scored_once_when_its_rest_begins(model, shown, monkeyp
     assert after and after[-1].label == "byebye" and 0 <= after[-1].score <= 10 and after[-1].certainty == 1
     assert 0 <= after[-1].ended_ns / SECOND_NS - 100 - first.end / RATE_HZ < 1
     # The next movement has no references: its end is the end of the score of the one before.
-    assert all(scores[n] == after[-1] for n in range(second.start, second.end - 1)) and said[-2][2].score is None
+    assert all(scores[n] == after[-1] for n in range(second.start, second.end - 1))
+    assert said[-2][2].score.reason == "it has no reference takes" and said[-2][2].score.label == "lunging"
     assert len(judged) <= 2
 
 
@@ -168,13 +169,13 @@ def test_learn_says_which_movements_it_scores(shown, tmp_path, capsys):
 class RestingWatch:
     """Says how many frames of a movement are over."""
 
-    performed = 0
+    performed, rest = 0, 1.0
 
     def __init__(self, trace):
-        self.trace = trace
+        self.trace, self.seen = trace, np.ones((trace.shape[1] - 3) // 2)
 
     def performance(self):
-        return self.trace, np.ones((self.trace.shape[1] - 3) // 2)
+        return self.trace, self.seen
 
 
 def test_a_flicker_of_rest_costs_nothing_and_each_movement_is_scored_once(model, monkeypatch):
@@ -191,6 +192,24 @@ def test_a_flicker_of_rest_costs_nothing_and_each_movement_is_scored_once(model,
     watch.performed = 60
     assert scorer.update(watch, sure, 4 * SECOND_NS).ended_ns == 4 * SECOND_NS and len(judged) == 2
     watch.performed = 30
-    assert scorer.update(watch, other, 5 * SECOND_NS) is None, "no references of it"
+    assert scorer.update(watch, other, 5 * SECOND_NS).reason == "it has no reference takes"
     watch.performed, watch.trace = 60, watch.trace[:6]
-    assert scorer.update(watch, sure, 6 * SECOND_NS) is None, "a part of the movement"
+    assert scorer.update(watch, sure, 6 * SECOND_NS).reason == "its begin was not seen", "a part of the movement"
+
+
+def test_what_is_half_unseen_another_movement_or_without_a_begin_has_a_reason(model):
+    scorer, watch = PerformanceScorer(model.header), RestingWatch(model.header.references["byebye"].takes[0].trace)
+    sure = np.array([0.9, 0.05, 0.05])
+    watch.performed, watch.seen = 30, np.zeros_like(watch.seen)
+    said = scorer.update(watch, sure, SECOND_NS)
+    assert said.label == "byebye" and said.ended_ns == SECOND_NS and said.reason.startswith("too little is seen: not")
+    watch.performed, watch.seen, watch.trace = 60, np.ones_like(watch.seen), 9 * watch.trace
+    assert scorer.update(watch, sure, 2 * SECOND_NS).reason.startswith("this is another movement: ")
+    # Motion for longer than stillness is late, and then a rest after nothing whose begin is known.
+    watch.performed, watch.rest, score = 0, 0.1, None
+    for n in range(15):
+        moving = scorer.update(watch, sure, 3 * SECOND_NS + n * SECOND_NS // 15)
+    watch.rest = 0.9
+    score = scorer.update(watch, sure, 4 * SECOND_NS)
+    assert score.reason == "its begin was not seen" and score.ended_ns == 4 * SECOND_NS != moving.ended_ns
+    assert scorer.update(watch, sure, 5 * SECOND_NS) == score, "once"
