@@ -90,7 +90,13 @@ class StartNotice:
         where = f"scene {self.scene.scene} at {self.scene.mesh.endpoint}"
         if state.is_empty:
             return f"received nothing from {where}. Start the scene with: labanmesh up {self.file}"
-        return f"received no judgement from {where}. Start fusion with: labanmesh fuse {self.file}"
+        if not state.fusion_status:
+            return f"received no judgement from {where}. Start fusion with: labanmesh fuse {self.file}"
+        missing = [name for name in self.scene.roster if name not in state.observer_status]
+        if missing:
+            observe = f"labanmesh observe {self.file} {missing[0]}"
+            return f"fusion runs in {where}, and no observer that judges. Start {missing[0]} with: {observe}"
+        return f"no observer of {where} has learned a movement. Teach them with: labanmesh teach {self.file} MOVEMENT"
 
     def to_stderr(self, updates: Iterable[SceneUpdate]) -> Iterator[SceneUpdate]:
         """The same updates; the notice is printed once to stderr."""

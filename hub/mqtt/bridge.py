@@ -97,8 +97,9 @@ class SceneBridge:
         if not self._recalled:
             self._recalled, self._recalled_ns = True, said_ns
 
-    def note_left(self, topic: str) -> None:
+    def note_left(self, topic: str, payload: object = b"") -> None:
         """The broker has a retained message under `topic`, left there by an earlier hub."""
+        self.counters.recall(topic, payload)
         if self.topics.is_of_movement(topic):
             self._of_movements |= {topic}
 

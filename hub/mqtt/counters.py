@@ -1,7 +1,7 @@
 """How often each repeated movement has been done, for Home Assistant: a sensor, a target, a reset, and an event. Pure.
 
 A movement is repeated if its takes show it (its period is in the vocabulary). The target is that of one set; to set it
-begins anew. Both are of this process: after a restart of the hub the counts are 0 and there is no target.
+begins anew. After a restart of the hub the counts are 0; the targets are those that the broker has retained.
 """
 
 import json
@@ -26,8 +26,15 @@ class Counters:
         self._tallies: dict[str, RepetitionTally] = {}
         self._since_ns: int | None = None
         self._reached: dict[str, int] = {}
+        self._left: dict[str, int] = {}
         self.commands = (topics.count("+") + "/target", topics.count("+") + "/reset")
         """The topic filters under which people set a target and begin anew."""
+
+    def recall(self, topic: str, payload: object) -> None:
+        """Go on with the target in the state that an earlier hub has left under `topic`."""
+        label = topic.removeprefix(self._topics.count(""))
+        if label != topic and (target := _target_left(payload)) is not None:
+            self._left[label] = target
 
     def take(self, message: JudgementMessage) -> None:
         """Take in a verdict or judgement that is no answer to a query."""
@@ -40,7 +47,9 @@ class Counters:
         if state.vocabulary is not None and state.labels:
             repeated = state.vocabulary.vocabulary.periods
             self._tallies = {
-                label: self._tallies.get(label) or RepetitionTally(label, since_ns=self._since_ns) for label in repeated
+                label: self._tallies.get(label)
+                or RepetitionTally(label, self._left.get(label, 0), since_ns=self._since_ns)
+                for label in repeated
             }
         if state.judgement is not None and not state.silent:
             self.take(state.judgement)
@@ -117,6 +126,15 @@ class Counters:
             "state_topic": self._topics.of("target"), "icon": "mdi:bullseye-arrow", "event_types": [*self._tallies],
         }  # fmt: skip
         return Entity("event", "TARGET", "Target reached", settings, available)
+
+
+def _target_left(payload: object) -> int | None:
+    """The target in a retained state."""
+    try:
+        target = json.loads(payload if isinstance(payload, (str, bytes)) else b"")["target"]
+    except (ValueError, TypeError, LookupError, RecursionError):
+        return None
+    return target if type(target) is int and 0 <= target <= LARGEST_TARGET else None
 
 
 def _target_in(payload: object) -> int | None:

@@ -158,7 +158,7 @@ class MqttHub:
                     if str(message.topic) in bridges and isinstance(message.payload, bytes):
                         bridges[str(message.topic)].recall(recalled_ns(message.payload))
                     for served in self._served:
-                        served.bridge.note_left(str(message.topic))
+                        served.bridge.note_left(str(message.topic), message.payload)
         except TimeoutError:
             log.warning("the broker does not let %s read below %s", self._broker.identifier, self._config.topics)
         await client.unsubscribe([*bridges, *left, self._broker.bridge])

@@ -17,6 +17,7 @@ from common import SECOND_NS
 from common.config import MeshConfig
 from common.keys import SceneKeys
 from common.link import Link
+from common.message_types import MovementTimes
 from common.messages import Agreement, JudgementMessage, OngoingMovement, VerdictMessage, VocabularyReference, Vote
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
@@ -113,7 +114,7 @@ class PlayedScene:
         times = {"began_ns": now_ns - SECOND_NS, "decided_ns": now_ns, "ended_ns": now_ns if ended else None}
         with self._lock:
             fields = self._fields(label, (0.9, 0.05, 0.03, 0.02))
-            verdict = VerdictMessage(**fields, id=f"{self.name}-{number}", **times, **more)
+            verdict = VerdictMessage(**fields, id=f"{self.name}-{number}", **{**times, **more})
             self._verdicts[verdict.id] = verdict
             self._verdicts = dict(list(self._verdicts.items())[-10:])
         decision = {"label": label, "decided_ns": now_ns, "revises": verdict.revises}
@@ -128,6 +129,13 @@ class PlayedScene:
         """The observers change to a vocabulary of four other `labels`, and the fusion service with them."""
         with self._lock:
             self._vocabulary = Vocabulary(labels)
+        self._publishers[self.keys.vocabulary].put(encode_vocabulary(self.name, self._vocabulary))
+
+    def repeat(self, *labels):
+        """The takes show that these movements are repeated, once a second."""
+        with self._lock:
+            times = {label: MovementTimes(period_s=1.0) for label in labels}
+            self._vocabulary = Vocabulary(self._vocabulary.labels, movements=times)
         self._publishers[self.keys.vocabulary].put(encode_vocabulary(self.name, self._vocabulary))
 
     def _judge(self):

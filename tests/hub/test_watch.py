@@ -171,6 +171,20 @@ def test_observers_without_fusion_are_one_line(fusion, scene_file, make, capsys)
     assert capsys.readouterr().err == line
 
 
+def test_fusion_without_observers_and_observers_without_a_model_are_one_line(fusion, scene_file, make, capsys):
+    fusion.answer("laban/room/fusion/fusion/status", lambda: encode(make.status("fusion")))
+    file = str(scene_file(fusion.locator))
+    where = f"scene room at {fusion.locator}"
+    assert labanmesh.main(["watch", file, "--for", "2"]) == 0
+    start = f"Start cam1 with: labanmesh observe {file} cam1\n"
+    assert capsys.readouterr().err == f"fusion runs in {where}, and no observer that judges. {start}"
+    for name in ("cam1", "cam2"):
+        fusion.answer(f"laban/room/observer/{name}/status", lambda name=name: encode(make.status(name)))
+    assert labanmesh.main(["count", file, "squat", "--for", "2"]) == 0
+    teach = f"Teach them with: labanmesh teach {file} MOVEMENT\n"
+    assert capsys.readouterr().err == f"no observer of {where} has learned a movement. {teach}"
+
+
 def test_on_a_terminal_the_notice_is_in_the_picture(scene_file):
     ours, theirs = pty.openpty()
     words = command("watch", scene_file("tcp/127.0.0.1:9"), "--for", "2")

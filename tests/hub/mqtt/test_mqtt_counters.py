@@ -1,6 +1,8 @@
 """Counters for Home Assistant: discovery, live counts, targets with their event, reset, and another vocabulary."""
 
 import json
+import signal
+import time
 
 import pytest
 
@@ -18,8 +20,10 @@ def repeated(make, *labels):
 
 
 class Stage:
-    def __init__(self, make, *labels):
+    def __init__(self, make, *labels, left=()):
         self.make, self.bridge, self.at_s = make, SceneBridge(TOPICS, ("cam1", "cam2"), ()), 0.0
+        for topic in left:
+            self.bridge.note_left(topic, left[topic])
         self.bridge.recall(None)
         self.state = SceneState("room").fold(repeated(make, *labels), make.NOON)
         self.retained = {}
@@ -79,7 +83,58 @@ def test_reset_and_commands_that_are_none(stage):
     assert stage.counted["target"] == 0 and stage.counted["count"] == 2
 
 
+def test_a_hub_that_starts_again_has_the_targets_that_the_broker_has_retained(make, stage):
+    stage.bridge.counters.obey("labanmesh/room/count/ok/target", b"3")
+    stage.count(4)
+    topic = TOPICS.count("ok")
+    again = Stage(make, left={topic: stage.retained[topic], TOPICS.count("nthrow"): "no state"})
+    again.show(repeated(make, "ok", "nthrow"))
+    assert again.counted == {"count": 0, "partial": 0, "target": 3, "sets": 0}
+    assert json.loads(again.retained[TOPICS.count("nthrow")])["target"] == 0
+    told = [event for done in (1, 2, 3) for event in again.count(done, number=2)]
+    assert [event["count"] for event in told] == [3]
+
+
+LEFT = ["", "{}", "[]", '{"target": true}', '{"target": 1e9}', '{"target": "3"}', "[" * 9999, None]
+
+
+@pytest.mark.parametrize("left", LEFT)
+def test_a_retained_state_that_is_none_is_no_target(make, left):
+    stage = Stage(make, "ok", left={TOPICS.count("ok"): left})
+    assert stage.counted["target"] == 0
+
+
 def test_what_the_vocabulary_does_not_have_any_more_is_removed(make, stage):
     stage.show(repeated(make, "nthrow"))
     assert stage.retained[TOPICS.count("ok")] == "" and stage.retained[TOPICS.count_part("sensor", "ok")] == ""
     assert json.loads(stage.retained[TOPICS.count("nthrow")])["count"] == 0
+
+
+def test_at_a_real_broker_a_set_is_counted_its_target_said_and_kept_over_a_restart_of_the_hub(room, hub, listener):
+    count, target = "labanmesh/room/count/ok", "homeassistant/number/labanmesh_room_TARGET_ok/config"
+    room.repeat("ok")
+    first = hub().connected()
+    room.wait_for_hub()
+    listener.wait_for(lambda: target in listener.last and count in listener.last)
+    listener.publish(json.loads(listener.last[target])["command_topic"], "3")
+    listener.wait_for(lambda: json.loads(listener.last[count])["target"] == 3)
+    began_ns = time.time_ns()
+    for done in (1, 2, 3):
+        room.how = {"repetitions": done, "partial_repetitions": 1}
+        if done != 2:
+            room.publish_verdict("ok", 1, ended=done == 3, began_ns=began_ns)
+        listener.wait_for(lambda done=done: json.loads(listener.last[count])["count"] == done)
+    listener.wait_for(lambda: listener.events("labanmesh/room/target"))
+    (event,) = listener.events("labanmesh/room/target")
+    assert (event["event_type"], event["count"], event["partial"], event["sets"]) == ("ok", 3, 1, 1)
+
+    first.end(signal.SIGKILL)
+    listener.wait_for_state("labanmesh/room/bridge", "offline")
+    hub().connected()
+    listener.wait_for(lambda: json.loads(listener.last[count])["count"] == 0)
+    assert json.loads(listener.last[count]) == {"count": 0, "partial": 0, "target": 3, "sets": 0}
+    room.publish_verdict("ok", 2, ended=True, began_ns=time.time_ns())
+    listener.wait_for(lambda: len(listener.events("labanmesh/room/target")) == 2)
+    listener.publish(f"{count}/reset", "PRESS")
+    listener.wait_for(lambda: json.loads(listener.last[count])["count"] == 0)
+    assert json.loads(listener.last[count])["target"] == 3
