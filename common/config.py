@@ -13,6 +13,7 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from common.config_events import HistoryConfig, NotifyConfig
 from common.config_input import describe_fault, override
+from common.config_people import PeopleConfig
 from common.config_sections import (
     FusionConfig,
     HubConfig,
@@ -46,6 +47,7 @@ class Scene(Section):
     vocabulary_name: str = "movements"
     mesh: MeshConfig = MeshConfig()
     person: PersonConfig = PersonConfig()
+    people: PeopleConfig = PeopleConfig()
     observers: dict[str, ObserverConfig]
     fusion: FusionConfig = FusionConfig()
     hub: HubConfig = HubConfig()

@@ -73,6 +73,8 @@ Seconds = Annotated[FiniteFloat, Field(gt=0, le=86_400)]
 Repetitions = Annotated[FiniteFloat, Field(ge=0)]
 """Periods of a periodic movement; the one in progress counts in part."""
 Score = Annotated[FiniteFloat, Field(ge=0, le=10)]
+Place = Annotated[list[Annotated[FiniteFloat, Field(ge=-10_000, le=10_000)]], Field(min_length=2, max_length=2)]
+"""x and z on the floor, m."""
 Roots = list[Annotated[int, Field(ge=0, le=ROOT_LIMIT)]]
 """A distribution in one byte for each value, two for those over .25 (`common.probability.roots_of`)."""
 

@@ -21,6 +21,7 @@ from common.message_types import (
     Identifier,
     Label,
     MovementTimes,
+    Place,
     Printable,
     Probabilities,
     Probability,
@@ -138,7 +139,8 @@ class JudgementMessage(Message):
     omitted once the movement is decided, and at rest. `epoch` is one higher than that of the fusion service before: of
     two services that publish, the one with the lower epoch stops. `session` is random per process. `repetitions`: of a
     periodic movement so far; `partial_repetitions`: how many of them went less far than usual. While no vote is
-    counted or stale, `label` is empty, `agreement` 0 of 0, `p` the prior.
+    counted or stale, `label` is empty, `agreement` 0 of 0, `p` the prior. `person`: whom it is about, in a scene that
+    judges several people; `place`: where they are, x and z in metres, if that is known.
     """
 
     scene: Identifier
@@ -161,6 +163,8 @@ class JudgementMessage(Message):
     session: Id | None = None
     repetitions: Count | None = None
     partial_repetitions: Count | None = None
+    person: Identifier | None = None
+    place: Place | None = None
 
 
 class Contribution(MessagePart):

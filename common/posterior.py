@@ -14,6 +14,7 @@ from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
 from common.facets import FACETS
+from common.floor_place import FloorPlace
 from common.message_types import (
     ID_LIMIT,
     LABEL_LIMIT,
@@ -158,8 +159,9 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
     `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
     `repetitions`: periods of its likeliest label since the person began to move, if that label is periodic;
     `repeated` says more about them. `score`: how well the last movement that is over was done, if its label has
-    reference takes; `unscored`: why it has no score. In version 2 `scene` and `observer` may be omitted, because the
-    key carries them.
+    reference takes; `unscored`: why it has no score. `person`: the track of the person whom it is about, where several
+    are judged apart, an id of this session's; `place`: where that person is. In version 2 `scene` and `observer` may be
+    omitted: the key carries them.
 
     Raises ValueError for what is no distribution.
     """
@@ -185,6 +187,8 @@ class PosteriorMessage(Struct, frozen=True, kw_only=True, gc=False, omit_default
     repeated: Repeated | None = None
     score: ObservedScore | None = None
     unscored: Unscored | None = None
+    person: Identifier | None = None
+    place: FloorPlace | None = None
 
     def __post_init__(self) -> None:
         if self.v == 1 and (self.scene is None or self.observer is None):

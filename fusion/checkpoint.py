@@ -43,6 +43,8 @@ class Checkpoint(BaseModel):
         default=NOTHING_LEARNED, validation_alias=AliasChoices("lessons", "reliability"), serialization_alias="lessons"
     )
     """Called "lessons" in the file and in the answer to a handover request since their first version."""
+    people: tuple["Checkpoint", ...] = ()
+    """Of the other people of a scene that judges several."""
 
     def age_s(self, now_ns: int) -> float:
         """Seconds between the last judgement and `now_ns`, however the clock was set."""
@@ -73,28 +75,31 @@ class CheckpointFile:
     service that wrote last was the owner last. "": there is one file.
     """
 
-    def __init__(self, path: Path, own: str = "", siblings: str = "") -> None:
+    def __init__(self, path: Path, own: str = "", siblings: str = "", suffix: str = SUFFIX) -> None:
         # Services on one machine may share a file that the scene file names; each then replaces it.
         self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
+        self._suffix = suffix
         self._written: tuple[OngoingMovement | None, int] | None = None
         self._last: Checkpoint | None = None
         self._stamp = _FileStamp(0, 0, 0)
         self._read_failed = self._write_failed = False
 
     @classmethod
-    def of(cls, scene: Scene, own: str) -> "CheckpointFile | None":
+    def of(cls, scene: Scene, own: str, person: str = "") -> "CheckpointFile | None":
         """The file of the service `own`; None if the scene file wants none, or the scene comes from no file.
 
-        Where `fusion.memory` names nothing it is $STATE_DIRECTORY, which systemd sets, or the scene file's folder. In a
-        folder each service has a file of its own.
+        person: the one of several people whose movements it keeps. Where `fusion.memory` names nothing it is
+        $STATE_DIRECTORY, which systemd sets, or the scene file's folder. In a folder each service has its own file.
         """
         memory, state = scene.fusion.memory, os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
         if memory == "" or (memory is None and not scene.has_folder):
             return None
         place = scene.place(memory if memory is not None else state)
+        of_person = f".{person}" if person else ""
         if memory is not None and not place.is_dir():
-            return cls(place, own)
-        return cls(place / f"{scene.scene}.{own}{SUFFIX}", own, f"{scene.scene}.")
+            return cls(place.with_name(place.name + of_person), own)
+        suffix = SUFFIX + of_person
+        return cls(place / f"{scene.scene}.{own}{suffix}", own, f"{scene.scene}.", suffix)
 
     def beside(self, suffix: str) -> Path:
         """The path of another file of the same service, in the same place."""
@@ -115,7 +120,9 @@ class CheckpointFile:
         # Many scenes may share the folder; this is quicker than a pattern.
         with suppress(OSError), os.scandir(self._path.parent) as entries:
             names = [entry.name for entry in entries]
-            return [Path(self._path.parent, n) for n in names if n.startswith(self._siblings) and n.endswith(SUFFIX)]
+            return [
+                Path(self._path.parent, n) for n in names if n.startswith(self._siblings) and n.endswith(self._suffix)
+            ]
         return []
 
     def _read(self, path: Path) -> Checkpoint | None:

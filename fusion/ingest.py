@@ -21,8 +21,8 @@ FLOOD = 64
 """More arrivals than this in one step mean that the service has fallen behind, or is flooded."""
 
 
-def newest(arrivals: Sequence[Arrival]) -> list[Arrival]:
-    """The last NEWEST arrivals of each key, in order of arrival; all of them when there are at most FLOOD.
+def newest(arrivals: Sequence[Arrival], most: int = NEWEST) -> list[Arrival]:
+    """The last `most` arrivals of each key, in order of arrival; all of them when there are at most FLOOD.
 
     A posterior is cumulative, so only the newest of each observer count.
     """
@@ -31,7 +31,7 @@ def newest(arrivals: Sequence[Arrival]) -> list[Arrival]:
     counts: Counter[str] = Counter()
     result = []
     for arrival in reversed(arrivals):
-        if counts[arrival.key] < NEWEST:
+        if counts[arrival.key] < most:
             counts[arrival.key] += 1
             result.append(arrival)
     result.reverse()

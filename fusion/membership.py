@@ -20,12 +20,14 @@ from common.message_types import OVERLOADED, SAME_ID_REASON, STANDING_BY
 from common.messages import JudgementMessage, ProcessState
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from fusion.checkpoint import Checkpoint, CheckpointFile
+from fusion.checkpoint import Checkpoint
 from fusion.engine.engine import FusionEngine
 from fusion.fall_watch import FallWatch
 from fusion.ownership import Ownership, Role
+from fusion.people_checkpoint import checkpoint_file
+from fusion.people_worker import Worker, worker_of
 from fusion.same_id import SameIdDetector, SameIdWatch, Stance
-from fusion.scene_worker import SceneWorker, Service
+from fusion.scene_worker import Service
 from fusion.standby import HandoverRequest, StandbyListener, VocabularyLookup
 
 log = logging.getLogger("labanmesh.fusion")
@@ -51,7 +53,7 @@ class SceneMember:
         self.ownership = Ownership(service.own, scene.scene, ranked, takeover_s)
         self._is_warm = len(ranked) > 1
         """Whether this service fuses also while it stands by."""
-        self._file = CheckpointFile.of(scene, service.own)
+        self._file = checkpoint_file(scene, service.own)
         self.vocabulary = scene.named_vocabulary
         self._is_named = self.vocabulary is not None
         if self.vocabulary is not None:
@@ -69,7 +71,7 @@ class SceneMember:
         self._same_id, self._id_is_shared = SameIdWatch(self._session, scene.keys, service.own, detector), False
         self._alive: frozenset[str] | None = None
         self._listener: StandbyListener | None = None
-        self.worker: SceneWorker | None = None
+        self.worker: Worker | None = None
         self._request: HandoverRequest | None = None
         self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
@@ -89,7 +91,7 @@ class SceneMember:
         self.ownership.set_alive(map(service_of, self._alive), self._service.ticks())
         self._session.announce(self.scene.keys.fusion_alive(self._service.own))
 
-    def update(self) -> SceneWorker | None:
+    def update(self) -> Worker | None:
         """Take what other services have published, follow the role that results, and return the worker, if any."""
         now_s = self._service.ticks()
         self._take_from_services(now_s)
@@ -188,7 +190,7 @@ class SceneMember:
             self.vocabulary = vocabulary
             self.worker.change_vocabulary(vocabulary)
 
-    def _wanted_vocabulary(self, worker: SceneWorker) -> str | None:
+    def _wanted_vocabulary(self, worker: Worker) -> str | None:
         """The hash of the vocabulary in which the scene is to be fused now; None: as before."""
         if self.role is Role.OWNER:
             return worker.observed_vocabulary
@@ -245,13 +247,14 @@ class SceneMember:
             if self.vocabulary is None:
                 return
             self._end_lookup()
-        engine = self._new_engine(self.vocabulary)
-        self.worker = SceneWorker(self.scene, self._service, engine, self.status, self._file, self._hand_over)
+        self.worker = worker_of(
+            self.scene, self._service, self._new_engine, self.vocabulary, self.status, self._file, self._hand_over
+        )
         if self._is_warm and self._file is not None and (checkpoint := self._file.read(self.scene.scene)) is not None:
             # Before the first posterior; after it the engine has a movement of its own.
             self.worker.restore(checkpoint)
 
-    def _restore(self, worker: SceneWorker) -> None:
+    def _restore(self, worker: Worker) -> None:
         """Continue from the newest checkpoint: of the answer to the request, the last owner's messages, the last
         handover, or the file."""
         checkpoints = [
@@ -292,9 +295,9 @@ class SceneMember:
                 level = logging.WARNING if state == "degraded" else logging.INFO
                 log.log(level, "%s: %s", self.scene.scene, reason or "publishing")
 
-    def _new_engine(self, vocabulary: Vocabulary) -> FusionEngine:
+    def _new_engine(self, vocabulary: Vocabulary, person: str | None = None) -> FusionEngine:
         config = self.scene.fusion.model_copy(update={"id": self._service.own})
-        engine = FusionEngine(self.scene.scene, list(self.scene.roster), vocabulary, config)
+        engine = FusionEngine(self.scene.scene, list(self.scene.roster), vocabulary, config, person)
         engine.session = self._service.session
         engine.wait_for_roster(config.start_s)
         return engine

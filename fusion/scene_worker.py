@@ -11,9 +11,10 @@ from common.inbox import Arrival
 from common.keys import observer_of
 from common.link import Link, Publisher
 from common.load import LoadMeter
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, ObserverStatistics, VerdictMessage
 from common.notify import Notifier
 from common.status import ProcessStatus
+from common.subsession import SubSession
 from common.vocabulary import Vocabulary
 from common.wire import encode_vocabulary
 from fusion.checkpoint import FORGET_S, NOTHING_LEARNED, Checkpoint, CheckpointFile
@@ -89,12 +90,14 @@ class SceneWorker:
         status: ProcessStatus,
         file: CheckpointFile | None,
         hand_over: Callable[[str], bytes | None],
+        session: SubSession | None = None,
     ) -> None:
-        """hand_over: called between two steps with the id of a service that asks for the scene."""
+        """hand_over: called between two steps with the id of a service that asks for the scene. session: a part of one
+        that several workers of the scene share; None: it has sessions of its own."""
         self._scene, self._clock, self._engine, self._status = scene, service.clock, engine, status
-        self._session = service.link.sub_session(polled=service.polled)
+        self._session = session or service.link.sub_session(polled=service.polled)
         # Always polled: ownership changes between two steps only.
-        self._requests = service.link.sub_session(polled=True)
+        self._requests = session or service.link.sub_session(polled=True)
         self._requests.answer_requests(
             scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
         )
@@ -182,9 +185,13 @@ class SceneWorker:
     def read_clocks(self) -> None:
         """Ask for the observers' clocks if it is due, and take the answers; after a step, when no listener waits."""
         if self._clocks.ask_if_due():
-            self._status.observers = self._ingest.statistics(self._scene.roster)
+            self._status.observers = self.statistics()
         for status, reading in self._clocks.readings():
             self._engine.record_clock(status.id, reading)
+
+    def statistics(self) -> dict[str, ObserverStatistics]:
+        """Clock skew and rejected messages of each observer."""
+        return self._ingest.statistics(self._scene.roster)
 
     def _is_reachable(self) -> bool:
         return self._scene.mesh.mode != "router" or self._reachable.update(

@@ -27,9 +27,10 @@ from fusion.ingest import FLOOD
 from fusion.instrumentation import ServerStep, instrumented
 from fusion.membership import SceneMember
 from fusion.ownership import Role
+from fusion.people_worker import Worker
 from fusion.publisher import JudgementBatch, put_now
 from fusion.same_id import IdCheck
-from fusion.scene_worker import SceneWorker, Service, StepInput, StepResult
+from fusion.scene_worker import Service, StepInput, StepResult
 
 log = logging.getLogger("labanmesh.fusion")
 FEW_SCENES = 8
@@ -258,7 +259,7 @@ class SteadyClock:
             self._offset_ns = offset_ns
 
 
-def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:
+def _finished(steps: Sequence[tuple[Worker, StepInput]]) -> Iterator[StepResult]:
     """Pool all cases together, and finish each step."""
     pools = iter(pool_steps([step.case for _, step in steps if step.case is not None]))
     for worker, step in steps:

@@ -54,14 +54,17 @@ class EngineOutput:
 class FusionEngine:
     """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule.
 
-    epoch: of the service that owns the scene, and session, random per process, are written into each message. reject,
-    set_present and observed_vocabulary are those of the roster.
+    epoch: of the owner, session, random per process, person, who is judged, and place, of that person, are written into
+    each message. reject, set_present and observed_vocabulary are those of the roster.
     """
 
-    def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
-        self.vocabulary = vocabulary
+    def __init__(
+        self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig, person: str | None = None
+    ) -> None:
+        self.vocabulary, self.person = vocabulary, person
         self.epoch: int | None = None
         self.session: str | None = None
+        self.place: Sequence[float] | None = None
         self._scene, self._config = scene, config
         self._rule = get_rule(config.rule)
         self._roster = Roster(observers, vocabulary, config)
@@ -69,7 +72,7 @@ class FusionEngine:
         self.observed_vocabulary = self._roster.majority
         self._clocks = Clocks(observers)
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
-        self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
+        self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
         self._nearest, self._withheld = NearestMiss(), list[VerdictMessage]()
@@ -126,7 +129,7 @@ class FusionEngine:
             verdicts = [self._verdict(now_ns, decision, {now_ns: basis}, stamp)]
         self._roster.change_vocabulary(vocabulary)
         self.take_times(vocabulary)
-        self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
+        self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name, self.person)
         self._bases, self._last_observed, self._nearest = NO_BASES, None, NearestMiss()
         self.reliability = Reliability()
         self._segmenter.wait(0)
@@ -160,10 +163,10 @@ class FusionEngine:
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         p = ballot.p * (1.0 - unlearned)
-        captured_ns = newest_capture_ns(posteriors, now_ns)
         missing = missing_of(posteriors) if self._segmenter.waits else []
         state = PooledState(
-            now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, captured_ns, not missing,
+            now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed,
+            newest_capture_ns(posteriors, now_ns), not missing,
             repetitions_of(ballot.label, posteriors, ballot.votes) if self._segmenter.counts(ballot.label) else None,
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
@@ -250,7 +253,7 @@ class FusionEngine:
         self._bases = {at_ns: bases[at_ns] for at_ns in self._segmenter.basis_times if at_ns in bases}
 
     def _stamp(self, at_ns: int) -> Stamp:
-        return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)
+        return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session, self.person, self.place)
 
     def _released(self, verdicts: Sequence[VerdictMessage]) -> Sequence[VerdictMessage]:
         """The verdicts to publish now: none while observers are waited for, then also those withheld before."""

@@ -55,13 +55,15 @@ class Ballot:
 
 @dataclass(slots=True)
 class Stamp:
-    """The service that publishes a message, and the message's number and time."""
+    """The service that publishes a message, the message's number and time, and whom it is about, if that is said."""
 
     fusion: str
     seq: int
     at_ns: int
     epoch: int | None = None
     session: str | None = None
+    person: str | None = None
+    place: Sequence[float] | None = None
 
 
 def published_facets(pooled: Mapping[str, Floats], judged: PublishedFacets | None = None) -> PublishedFacets:
@@ -73,13 +75,15 @@ def published_facets(pooled: Mapping[str, Floats], judged: PublishedFacets | Non
 class JudgementBuilder:
     """Builds the votes and judgements of one scene."""
 
-    def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
+    def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str, person: str | None = None) -> None:
+        """person: whom the movements are of, in a scene that judges several people."""
         # Of any label: the prior of a scene is uniform.
         self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.item(0), rule
         self._to_bits, self._most_bits = np.full(len(prior), -NATS_TO_BITS), math.log2(len(prior))
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
+        self._id_prefix = scene if person is None else f"{scene}-{person}"
 
     def ballot(
         self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, resting: Mapping[str, float]
@@ -148,12 +152,14 @@ class JudgementBuilder:
             "epoch": stamp.epoch,
             "session": stamp.session,
             **repetition_fields(repetitions),
+            "person": stamp.person,
+            "place": None if stamp.place is None else list(stamp.place),
         }
         return unchecked(JudgementMessage, fields)
 
     def verdict_id(self, began_ns: int) -> str:
         """The id of the movement that began then, in all messages about it."""
-        return f"{self._scene}-{began_ns // 1_000_000}"
+        return f"{self._id_prefix}-{began_ns // 1_000_000}"
 
     def ongoing(self, movement: MovementProgress | None) -> OngoingMovement | None:
         """The movement in progress as judgements carry it; built once, because it changes seldom."""

@@ -1,0 +1,43 @@
+"""[people] of a scene file: how many people are judged apart, and their names. Pure."""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from common.config_sections import Section
+from common.errors import BadInput
+from common.keys import identifier
+from common.text import plural
+
+MOST_PEOPLE = 4
+NAME_LIMIT = 32
+"""Characters of a name: the id of a movement, at most 128, has it beside the scene's and a time."""
+
+
+class PeopleConfig(Section):
+    """[people]: most: how many people of a scene have votes and verdicts of their own; 1: one person is followed.
+
+    names: of the people in the order in which they come; those without a name are called by their number, from "1".
+    """
+
+    most: Annotated[int, Field(ge=1, le=MOST_PEOPLE)] = 1
+    names: Annotated[tuple[str, ...], Field(strict=False, examples=[["left", "right"]])] = ()
+
+    @model_validator(mode="after")
+    def _names_fit(self) -> "PeopleConfig":
+        for name in self.names:
+            if len(identifier(name, "people.names")) > NAME_LIMIT:
+                raise BadInput(f"people.names = {name!r}: a name has at most {NAME_LIMIT} characters")
+        if len(self.names) > self.most:
+            raise BadInput(
+                f"people.names = {list(self.names)}: the scene judges {plural(self.most, 'person', 'people')} "
+                f"(people.most); name no more, or set people.most = {len(self.names)}"
+            )
+        if len(set(self.ids)) != len(self.ids):
+            raise BadInput(f"people.names = {list(self.names)}: give each person a name of their own")
+        return self
+
+    @property
+    def ids(self) -> tuple[str, ...]:
+        """The names of all `most` people, as messages have them."""
+        return tuple(self.names[n] if n < len(self.names) else str(n + 1) for n in range(self.most))

@@ -1,0 +1,290 @@
+"""Who is who among cameras: the tracks of all observers of a scene become its people. Pure: time is passed in.
+
+The design: people.md. Places are (2,) x and z on the floor in metres, covariances (2, 2) in m².
+
+1. An observer's track is of one person for as long as it lives: observers give a new id where they may have exchanged
+   two people. So a track keeps its person unless the places of the others speak clearly against it.
+2. The tracks of one observer are of different people: the matching with the least total cost counts.
+3. A track that fits nobody for `BEGIN_S` begins a person, if the scene has one free.
+4. A person whom no track shows for `GONE_S` has left. Until then they are expected where they were going.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from common import SECOND_NS
+from common.floor_place import FloorPlace
+from common.probability import Floats
+
+GATE = 9.21
+"""Squared Mahalanobis distance within which a track may be a person's: the 99th percentile of chi² with two degrees of
+freedom (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 3.7)."""
+BODY_M = 0.2
+"""Standard deviation of where two cameras see one person, beside what each states: half the width of a body."""
+SPEED_CHANGE = 1.0
+"""m/s in a second, standard deviation: people begin to walk, and stop, within a second or two."""
+TURN_S = 1.0
+"""Whom nobody sees goes on for about so long; then they may have stopped or turned round."""
+AGREE_S = 0.5
+"""Costs are averaged over so long: the errors of a camera's pictures last as long as a step of a person who walks."""
+KEEP = 3.0
+"""Nats by which another matching must be better: odds of 20."""
+FRESH_S = 0.4
+"""A track that has not been seen for so long is not compared."""
+BEGIN_S, GONE_S = 0.3, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Where an observer saw the person of one of its tracks, at a time of the fusion machine's clock."""
+
+    observer: str
+    track: str
+    place: FloorPlace
+    at_ns: int
+
+    @property
+    def at(self) -> Floats:
+        """(2,) x and z."""
+        return np.array(self.place.at)
+
+    @property
+    def covariance(self) -> Floats:
+        """(2, 2) with what cameras differ by."""
+        xx, xz, zz = self.place.covariance
+        return np.array([[xx + BODY_M**2, xz], [xz, zz + BODY_M**2]])
+
+
+@dataclass(slots=True)
+class _Track:
+    """A track of one observer. since_ns: since when it has no person. costs: by person, the mean over AGREE_S.
+
+    is_new: whether its newest sighting has not been compared. fits: whether it may be of somebody who is known.
+    """
+
+    seen: Sighting
+    since_ns: int
+    person: str | None = None
+    costs: dict[str, float] = field(default_factory=dict)
+    compared_ns: int = 0
+    is_new: bool = True
+    fits: bool = False
+
+
+class Motion:
+    """Where a person is and goes: a Kalman filter with nearly constant velocity.
+
+    Bar-Shalom et al. 2001, section 6.3: discretised white noise in the acceleration; the velocity fades with TURN_S.
+    """
+
+    def __init__(self, at: Floats, covariance: Floats, at_ns: int) -> None:
+        self._mean = np.array([*at, 0.0, 0.0])
+        self._covariance = np.zeros((4, 4))
+        self._covariance[:2, :2], self._covariance[2:, 2:] = covariance, SPEED_CHANGE**2 * np.eye(2)
+        self._at_ns = at_ns
+        self.seen_ns = at_ns
+        """When the person was seen last."""
+
+    def expected(self, at_ns: int) -> tuple[Floats, Floats]:
+        """(2,) and (2, 2): the place at that time and its covariance."""
+        mean, covariance = self._predicted(at_ns)
+        return mean[:2], covariance[:2, :2]
+
+    def update(self, at: Floats, covariance: Floats, at_ns: int) -> None:
+        """Take in where an observer saw the person."""
+        mean, prior = self._predicted(at_ns)
+        gain = np.linalg.solve(prior[:2, :2] + covariance, prior[:2, :]).T
+        self._mean = mean + gain @ (at - mean[:2])
+        posterior = prior - gain @ prior[:2, :]
+        self._covariance = (posterior + posterior.T) / 2
+        self._at_ns, self.seen_ns = max(self._at_ns, at_ns), max(self.seen_ns, at_ns)
+
+    def _predicted(self, at_ns: int) -> tuple[Floats, Floats]:
+        s = max(at_ns - self._at_ns, 0) / SECOND_NS
+        kept = math.exp(-s / TURN_S)
+        step = np.eye(4)
+        step[0, 2] = step[1, 3] = TURN_S * (1 - kept)
+        step[2, 2] = step[3, 3] = kept
+        noise = np.kron([[s**3 / 3, s**2 / 2], [s**2 / 2, s]], np.eye(2)) * SPEED_CHANGE**2
+        return step @ self._mean, step @ self._covariance @ step.T + noise
+
+
+class People:
+    """The people of a scene. ids: of at most so many people, in the order in which they are given."""
+
+    def __init__(self, ids: Sequence[str]) -> None:
+        self.ids = tuple(ids)
+        self._people: dict[str, Motion] = {}
+        self._tracks: dict[tuple[str, str], _Track] = {}
+
+    @property
+    def present(self) -> Sequence[str]:
+        """The ids of those who are there."""
+        return [person for person in self.ids if person in self._people]
+
+    def place(self, person: str, now_ns: int) -> tuple[float, float] | None:
+        """x and z where they are, or are expected; None if they are not there."""
+        motion = self._people.get(person)
+        if motion is None:
+            return None
+        x, z = motion.expected(now_ns)[0].tolist()
+        return x, z
+
+    def person_of(self, observer: str, track: str) -> str | None:
+        """Whose track it is; None if that is not known."""
+        known = self._tracks.get((observer, track))
+        return None if known is None else known.person
+
+    def update(self, sightings: Sequence[Sighting], now_ns: int) -> None:
+        """Take in what observers saw since the last update."""
+        for sighting in sorted(sightings, key=lambda each: each.at_ns):
+            key = sighting.observer, sighting.track
+            if (track := self._tracks.get(key)) is None:
+                self._tracks[key] = _Track(sighting, sighting.at_ns)
+            elif sighting.at_ns > track.seen.at_ns:
+                track.seen, track.is_new = sighting, True
+        for observer in dict.fromkeys(sighting.observer for sighting in sightings):
+            self._match(observer, now_ns)
+        self._forget(now_ns)
+        self._begin(now_ns)
+
+    def align(self, places: Mapping[str, Sequence[float]], at_ns: int) -> None:
+        """Call people as another service does, which has them at these places; who is not known here is expected there.
+
+        To be called while this service does not publish: ids change.
+        """
+        ids = [person for person in places if person in self.ids]
+        own = self.present
+        costs = [
+            [
+                _cost(np.array(places[person]), np.eye(2) * BODY_M**2, *self._people[mine].expected(at_ns))
+                for mine in own
+            ]
+            for person in ids
+        ]
+        renamed = {own[column]: ids[row] for row, column in best_matching(costs, GATE / 2)[1].items()}
+        if any(old != new for old, new in renamed.items()):
+            free = [person for person in self.ids if person not in renamed.values()]
+            renamed |= {mine: free.pop(0) for mine in own if mine not in renamed}
+            self._people = {renamed[mine]: motion for mine, motion in self._people.items()}
+            for track in self._tracks.values():
+                track.person, track.costs = renamed.get(track.person or ""), {}
+        for person in ids:
+            if person not in self._people:
+                self._people[person] = Motion(np.array(places[person]), np.eye(2) * 4 * BODY_M**2, at_ns)
+
+    def _match(self, observer: str, now_ns: int) -> None:
+        """Decide whose the tracks of one observer are, and move those people."""
+        tracks = [each for each in self._fresh(now_ns) if each.seen.observer == observer]
+        people = self.present
+        others = {person: self._estimate(person, observer, now_ns) for person in people}
+        for track in tracks:
+            if track.is_new:
+                _compare(track, others)
+        # To leave the person that it has must be worth KEEP for a track.
+        costs = [[t.costs.get(person, math.inf) - KEEP * (person == t.person) for person in people] for t in tracks]
+        total, matching = best_matching(costs, GATE / 2)
+        for row, track in enumerate(tracks):
+            person = people[matching[row]] if row in matching else None
+            track.fits = person is not None
+            if person is not None and track.person is None and not _is_sure(track, costs, row, matching[row], total):
+                person = None
+            if person is None and track.person is not None:
+                track.since_ns = track.seen.at_ns
+            track.person = person
+            if person is not None and track.is_new:
+                self._people[person].update(track.seen.at, track.seen.covariance, track.seen.at_ns)
+            track.is_new = False
+
+    def _estimate(self, person: str, observer: str, now_ns: int) -> tuple[Floats, Floats]:
+        """Where the other observers see the person now; if none does, where the person is expected."""
+        seen = [
+            track.seen
+            for track in self._fresh(now_ns)
+            if track.person == person and track.seen.observer != observer
+        ]  # fmt: skip
+        if not seen:
+            return self._people[person].expected(now_ns)
+        informations = [np.linalg.inv(each.covariance) for each in seen]
+        covariance = np.linalg.inv(np.sum(informations, axis=0))
+        at = covariance @ np.sum([i @ each.at for i, each in zip(informations, seen, strict=True)], axis=0)
+        return at, covariance
+
+    def _fresh(self, now_ns: int) -> Iterator[_Track]:
+        return (track for track in self._tracks.values() if now_ns - track.seen.at_ns <= FRESH_S * SECOND_NS)
+
+    def _forget(self, now_ns: int) -> None:
+        """Forget people and tracks that have not been seen for GONE_S, and all that is dated far ahead."""
+        gone_ns = GONE_S * SECOND_NS
+        self._people = {p: m for p, m in self._people.items() if abs(now_ns - m.seen_ns) <= gone_ns}
+        self._tracks = {key: t for key, t in self._tracks.items() if abs(now_ns - t.seen.at_ns) <= gone_ns}
+        for track in self._tracks.values():
+            if track.person not in self._people:
+                track.person = None
+
+    def _begin(self, now_ns: int) -> None:
+        """Begin people for tracks that fit nobody; those that come together from left to right, seen from yaw:0."""
+        waiting = [t for t in self._fresh(now_ns) if t.person is None and not t.fits]
+        due = [t for t in waiting if t.seen.at_ns - t.since_ns >= BEGIN_S * SECOND_NS]
+        if not due:
+            return
+        # All of one observer, so that of two who come together none is first by chance; others' may be the same people.
+        observer = due[0].seen.observer
+        together = [t for t in waiting if t.seen.observer == observer and t.seen.at_ns > t.since_ns]
+        free = [person for person in self.ids if person not in self._people]
+        for track, person in zip(sorted(together, key=lambda t: -t.seen.place.at[0]), free, strict=False):
+            self._people[person] = Motion(track.seen.at, track.seen.covariance, track.seen.at_ns)
+            track.person, track.costs = person, {person: 0.0}
+
+
+def best_matching(costs: Sequence[Sequence[float]], alone: float) -> tuple[float, dict[int, int]]:
+    """The least total cost, and row -> column of its matching, where a row without a column costs `alone`.
+
+    costs: (R, C); there are at most four of each, so that all matchings can be tried.
+    """
+
+    def best(row: int, free: frozenset[int]) -> tuple[float, tuple[tuple[int, int], ...]]:
+        if row == len(costs):
+            return 0.0, ()
+        total, pairs = best(row + 1, free)
+        result = total + alone, pairs
+        for column in sorted(free):
+            if costs[row][column] < alone:
+                total, pairs = best(row + 1, free - {column})
+                if total + costs[row][column] < result[0]:
+                    result = total + costs[row][column], ((row, column), *pairs)
+        return result
+
+    total, pairs = best(0, frozenset(range(len(costs[0]) if costs else 0)))
+    return total, dict(pairs)
+
+
+def _is_sure(track: _Track, costs: Sequence[Sequence[float]], row: int, column: int, total: float) -> bool:
+    """Whether a track that had nobody is of the person of `column`: any other matching is worse by KEEP; or it has
+    waited for that as long as costs are averaged."""
+    if track.seen.at_ns - track.since_ns >= AGREE_S * SECOND_NS:
+        return True
+    without = [list(each) for each in costs]
+    without[row][column] = math.inf
+    return best_matching(without, GATE / 2)[0] - total >= KEEP
+
+
+def _compare(track: _Track, others: Mapping[str, tuple[Floats, Floats]]) -> None:
+    """Update the costs of a track that has been seen since they were computed."""
+    seen = track.seen
+    kept = math.exp(-(seen.at_ns - track.compared_ns) / SECOND_NS / AGREE_S)
+    costs = {}
+    for person, (at, covariance) in others.items():
+        # A track that is far away is no more wrong than one outside the gate, so that it can come back.
+        cost = min(_cost(seen.at, seen.covariance, at, covariance), GATE)
+        costs[person] = kept * track.costs.get(person, cost) + (1 - kept) * cost
+    track.costs, track.compared_ns = costs, seen.at_ns
+
+
+def _cost(at: Floats, covariance: Floats, other: Floats, other_covariance: Floats) -> float:
+    """Half the squared Mahalanobis distance of two places, nats."""
+    apart = at - other
+    return float(apart @ np.linalg.solve(covariance + other_covariance, apart)) / 2
