@@ -17,6 +17,7 @@ import numpy as np
 
 from common import SECOND_NS
 from common.floor_place import FloorPlace
+from common.matching import best_matching
 from common.probability import Floats
 
 GATE = 9.21
@@ -238,28 +239,6 @@ class People:
         for track, person in zip(sorted(together, key=lambda t: -t.seen.place.at[0]), free, strict=False):
             self._people[person] = Motion(track.seen.at, track.seen.covariance, track.seen.at_ns)
             track.person, track.costs = person, {person: 0.0}
-
-
-def best_matching(costs: Sequence[Sequence[float]], alone: float) -> tuple[float, dict[int, int]]:
-    """The least total cost, and row -> column of its matching, where a row without a column costs `alone`.
-
-    costs: (R, C); there are at most four of each, so that all matchings can be tried.
-    """
-
-    def best(row: int, free: frozenset[int]) -> tuple[float, tuple[tuple[int, int], ...]]:
-        if row == len(costs):
-            return 0.0, ()
-        total, pairs = best(row + 1, free)
-        result = total + alone, pairs
-        for column in sorted(free):
-            if costs[row][column] < alone:
-                total, pairs = best(row + 1, free - {column})
-                if total + costs[row][column] < result[0]:
-                    result = total + costs[row][column], ((row, column), *pairs)
-        return result
-
-    total, pairs = best(0, frozenset(range(len(costs[0]) if costs else 0)))
-    return total, dict(pairs)
 
 
 def _is_sure(track: _Track, costs: Sequence[Sequence[float]], row: int, column: int, total: float) -> bool:

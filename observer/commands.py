@@ -17,9 +17,10 @@ if TYPE_CHECKING:
     from common.link import Link
     from observer.effort.reader import FacetReader
     from observer.model.base import Header, MovementModel
-    from observer.runtime.pipeline import Observer
+    from observer.runtime.people_observer import AnyObserver
     from observer.runtime.scene_inputs import ObserverInputs
     from observer.runtime.service import HealthReporter, ObserverLike
+    from observer.tracks import Tracker
 
 log = logging.getLogger("labanmesh.observer")
 WAY_OUT = "try smaller pictures (size_px), a lower rate_hz, a lighter tracker or another machine"
@@ -47,12 +48,14 @@ def observe(
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from observer.foreign.sources import MeshTracks
+    from observer.runtime.people_followed import follows_one
     from observer.runtime.service import HealthReporter, serve
     from observer.teaching.service import answer_teachers, teachable
 
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
     model, inputs = _model_and_inputs(config, observer, health)
+    health.note = follows_one(config, inputs.view)
     build = partial(pipeline_of, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
@@ -83,10 +86,12 @@ def _model_and_inputs(
     return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=True)
 
 
-def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":
+def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "AnyObserver":
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
+    from observer.runtime.people_followed import people_followed
+    from observer.runtime.people_observer import FloorPlacer, PeopleObserver
     from observer.runtime.pipeline import Observer
     from observer.runtime.resampler import Resampler
     from observer.runtime.scene_inputs import person_in
@@ -104,12 +109,18 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
     movements = plural(header.vocabulary.size, "movement")
     log.info("%s: %s model of %s for %s", observer, header.kind, movements, header.view)
     onset = Onset(known=section.onset == "known", length=inputs.length)
-    # Also of motion at the model's own rate, of which frames are skipped when the observer is too slow.
-    resampler = Resampler(header.rate_hz)
-    facets = _facet_reader(scene, observer, header, inputs)
     # Half of fresh_s: with the frame after that, the next posterior comes before the last one is stale.
     judged_s = 0.0 if inputs.keeps_all else scene.fusion.fresh_s / 2
-    return Observer(inputs.tracker, model, onset, resampler, facets, judged_s)
+
+    def of_person(tracker: "Tracker") -> Observer:
+        # Resampled also if it is motion at the model's rate: frames are skipped when the observer is too slow.
+        facets = _facet_reader(scene, observer, header, inputs)
+        return Observer(tracker, model, onset, Resampler(header.rate_hz), facets, judged_s)
+
+    if people_followed(scene, inputs.view) == 1:
+        return of_person(inputs.tracker)
+    placer = FloorPlacer(inputs.view, person, alone=len(scene.roster) == 1)
+    return PeopleObserver(inputs.tracker, of_person, placer)
 
 
 def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs") -> "ObserverLike":

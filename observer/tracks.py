@@ -83,16 +83,34 @@ class SeenPeople:
 
 
 @dataclass(frozen=True, slots=True)
+class PersonTracks:
+    """One of several people whom a tracker follows. id: of this person, as long as the tracker is sure who it is.
+
+    centres: (P, 2) as of `Tracks`. every: (Q, 2) all parts that the tracker finds, where a view is known in its pixels.
+    u, v, height: the middle of the body and how tall it would stand, px of the picture.
+    """
+
+    id: int
+    centres: Floats
+    u: float
+    v: float
+    height: float
+    every: Floats | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Tracks:
     """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen.
 
     guesses: (P, 2) estimates for parts that the tracker does not see (merged, hidden, doubtful), NaN where it has none.
     A guess is shown to people and is never evidence. people: those in the picture; None if the tracker does not tell.
+    persons: of a tracker that follows several people, each; the centres are then those of the first.
     """
 
     centres: Floats
     guesses: Floats | None = None
     people: SeenPeople | None = None
+    persons: tuple[PersonTracks, ...] = ()
 
     @property
     def visible(self) -> NDArray[np.bool_]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from common.floor_place import FloorPlace
 from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.posterior import ObservedScore, Repeated, Unscored
 from common.probability import encode_facing
@@ -32,7 +33,8 @@ class Posterior:
     P(facing | movement), None for a model with one facing. unlearned: P(none of the vocabulary), None if the model
     cannot tell. repetitions, repeated: of the likeliest movement, None unless it is periodic. judged: whether the
     newest frame is judged too; an observer in a hurry only follows some of them. score: of the last movement
-    that is over, or why it has none; None unless the model has references.
+    that is over, or why it has none; None unless the model has references. person, place, others: of an observer that
+    follows several people, whose it is, where that person is, and the posteriors of the others.
     """
 
     p: Floats
@@ -46,6 +48,9 @@ class Posterior:
     repeated: Repeated | None = None
     judged: bool = True
     score: ObservedScore | Unscored | None = None
+    person: str | None = None
+    place: FloorPlace | None = None
+    others: "tuple[Posterior, ...]" = ()
 
 
 class Observer:
@@ -178,6 +183,8 @@ class PosteriorEncoder:
             repeated=posterior.repeated,
             score=score if isinstance(score, ObservedScore) else None,
             unscored=score if isinstance(score, Unscored) else None,
+            person=posterior.person,
+            place=posterior.place,
         )
         self.seq += 1
         return message

@@ -1,6 +1,7 @@
 """Adapts a tracker to a model and to the camera file of its view. Pure."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from common.errors import BadInput
 from observer.camera.base import size_of
 from observer.geometry.picture_size import Size, picture_scale, scale_note
 from observer.geometry.views import View
-from observer.tracks import Floats, Frame, Tracker, Tracks
+from observer.tracks import Floats, Frame, PersonTracks, Tracker, Tracks
 
 NEVER_SEEN = np.full((1, 2), np.nan)
 
@@ -87,6 +88,15 @@ class PreparedTracker:
             self._fit(self._view, size_of(frame.content))
         calibrated = None if guesses is None else self._calibrated(guesses)
         return Tracks(self._calibrated(self.picture_tracks.centres), calibrated, tracks.people)
+
+    def persons(self) -> list[PersonTracks]:
+        """The people of the newest frame, each as `update` returns the tracks of one."""
+        each = () if self.all_tracks is None else self.all_tracks.persons
+        return [self._of_person(person) for person in each]
+
+    def _of_person(self, person: PersonTracks) -> PersonTracks:
+        every = person.centres if self._is_plain else self._calibrated(person.centres)
+        return replace(person, centres=self._wanted(every), every=every)
 
     @property
     def _is_plain(self) -> bool:

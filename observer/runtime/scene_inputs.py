@@ -26,6 +26,8 @@ from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.playback import RecordedMotion, Start
+from observer.motion.projected_people import has_several
+from observer.runtime.people_followed import people_followed
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.start_barrier import BARRIER, StartBarrier
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
@@ -111,7 +113,8 @@ def open_inputs(
         source = _played(scene, observer, view, pictures, report, _start(environment, observer))
     if section.mirrored and not pictures:
         raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
-    settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth)
+    most = people_followed(scene, view)
+    settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth, most)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:
         _log_choice(observer, outcome, as_chosen=outcome is choice)
@@ -166,7 +169,8 @@ def _recorded_motion(scene: Scene, observer: str, view: View, start_ns: Start) -
     section, path = scene.observer(observer), scene.place(scene.observer(observer).source)
     archive = read_archive(path)
     placement = person_in(scene, observer, view)
-    archive = placed(archive, placement) if placement and archive.camera is None else archive
+    in_space = archive.camera is None and not has_several(archive.body_parts)
+    archive = placed(archive, placement) if placement and in_space else archive
     recordings = _select(archive, section.recording, f"observers.{observer}.recording", path)
     if section.rate_hz:
         recordings = [resample(recording, section.rate_hz) for recording in recordings]

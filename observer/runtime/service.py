@@ -60,10 +60,11 @@ class HealthReporter:
     """Combines the camera's reports and the observer's complaints into one state, and reports each change once.
 
     The state is `starting` until the first frame, then `running`. It is `degraded` while the camera is lost or frozen
-    or, if the camera works, while the observer complains.
+    or, if the camera works, while the observer complains. note: the reason while all is well.
     """
 
     def __init__(self) -> None:
+        self.note = ""
         self._report: ReportState | None = None
         self._fault, self._complaint, self._started = "", "", False
         self._reported: tuple[ProcessState, str] | None = None
@@ -92,7 +93,7 @@ class HealthReporter:
         reason = self._fault or self._complaint
         if self._report is None or not (reason or self._started):
             return
-        current: tuple[ProcessState, str] = ("degraded" if reason else "running", reason)
+        current: tuple[ProcessState, str] = ("degraded", reason) if reason else ("running", self.note)
         if current != self._reported:
             self._reported = current
             self._report(*current)
@@ -264,9 +265,12 @@ class PosteriorPublisher:
 
     def publish(self, posterior: Posterior, captured_ns: int, now_ns: int) -> bool:
         """Send the posterior of the frame captured at `captured_ns`, unless it hardly changed; whether it was sent."""
-        if self._on_change is not None and not self._on_change.should_send(posterior, captured_ns):
+        # Of several people any may have changed.
+        is_alone = posterior.person is None
+        if self._on_change is not None and is_alone and not self._on_change.should_send(posterior, captured_ns):
             return False
-        self._publisher.put(encode(self._encoder.encode(posterior, captured_ns, now_ns)))
+        for each in (posterior, *posterior.others):
+            self._publisher.put(encode(self._encoder.encode(each, captured_ns, now_ns)))
         return True
 
 

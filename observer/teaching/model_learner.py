@@ -16,7 +16,7 @@ from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
 from observer.files import make_private, remove_file
 from observer.model.cross_validation import held_out_of
 from observer.model.model_file import read_model
-from observer.runtime.pipeline import Observer
+from observer.runtime.people_observer import AnyObserver
 
 if TYPE_CHECKING:
     from observer.model.base import MovementModel
@@ -27,7 +27,7 @@ NICE = 10
 END_S = 2.0
 UMASK = 0o077
 """A model keeps examples of the motion that it was learned from: only the observer's user may read it."""
-Build = Callable[["MovementModel"], Observer]
+Build = Callable[["MovementModel"], AnyObserver]
 
 
 class ModelLearner:
@@ -41,7 +41,7 @@ class ModelLearner:
     def __init__(self, takes: Path, model: Path, build: Build, scene_model: Path | None = None) -> None:
         self._takes, self._model, self._build, self._scene_model = takes, model, build, scene_model or model
         self._next, self._before = _beside(model, "next"), _beside(model, "before")
-        self._observer: Observer | None = None
+        self._observer: AnyObserver | None = None
         self._process: subprocess.Popen[str] | None = None
         self._due_s: float | None = None
         self.busy, self.fault = False, ""
@@ -65,7 +65,7 @@ class ModelLearner:
             raise LabanmeshError(f"{self._model}: cannot be replaced: {error.strerror or error}") from None
         self._due_s, self.learned = time.monotonic() + in_s, None
 
-    def ready(self) -> Observer | None:
+    def ready(self) -> AnyObserver | None:
         """The observer of the adopted model, once, when it is due."""
         if self._due_s is None or time.monotonic() < self._due_s:
             return None

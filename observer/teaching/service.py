@@ -19,7 +19,8 @@ from common.wire import BadMessage, decode, encode
 from observer.motion.archive import TracksCamera
 from observer.preview.clip_folder import ClipFolder
 from observer.recording.own_tracks import RATE_HZ, TracksRecorder
-from observer.runtime.pipeline import Observer, Posterior
+from observer.runtime.people_observer import AnyObserver
+from observer.runtime.pipeline import Posterior
 from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.model_learner import Build, ModelLearner
 from observer.teaching.takes_file import TakesFile
@@ -46,7 +47,7 @@ class TeachableObserver:
     def __init__(
         self,
         inputs: "ObserverInputs",
-        observer: Observer | None,
+        observer: AnyObserver | None,
         recorder: TracksRecorder,
         teaching: Teaching,
         learner: ModelLearner,
@@ -175,7 +176,7 @@ def _clips_of(scene: Scene, observer_id: str) -> Callable[[str], int]:
 
 @contextmanager
 def teachable(
-    scene: Scene, observer_id: str, inputs: "ObserverInputs", observer: Observer | None, build: Build
+    scene: Scene, observer_id: str, inputs: "ObserverInputs", observer: AnyObserver | None, build: Build
 ) -> Iterator[TeachableObserver]:
     """The observer that can be taught; its takes lie beside its model file, as ID.tracks.npz."""
     model = scene.taught_model(observer_id)

@@ -12,6 +12,7 @@ from common.tracker_choice import AUTO, Content, TrackerChoice
 from observer.foreign.track_line import ForeignTracker
 from observer.geometry.views import View, facing
 from observer.motion.projected import ProjectedTracker
+from observer.motion.projected_people import ProjectedPeople
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracker
 
 
@@ -20,7 +21,7 @@ class TrackerSettings:
     """Arguments of a tracker. recorded: names of the rows of positions or tracks. wanted: parts that the model reads.
 
     place: from the name of a file in the scene file to its path. smooth: tracks may be smoothed as they come, by which
-    they lag; recordings are smoothed afterwards.
+    they lag; recordings are smoothed afterwards. most: how many people are followed.
     """
 
     view: View
@@ -29,6 +30,7 @@ class TrackerSettings:
     section: ObserverConfig
     place: Callable[[str], Path]
     smooth: bool = True
+    most: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +47,8 @@ class TrackerKind:
 
 
 def _projected(settings: TrackerSettings) -> Tracker:
+    if settings.most > 1:
+        return ProjectedPeople(settings.view, settings.recorded, settings.most)
     # The wanted parts must have been recorded; the others cost nothing, and an observer that is taught records them.
     others = tuple(part for part in settings.recorded if part not in settings.wanted)
     return ProjectedTracker(settings.view, settings.recorded, (*settings.wanted, *others))

@@ -1,0 +1,153 @@
+"""Keeps several people apart from picture to picture: each detection becomes a track with an id. Pure.
+
+1. A detection belongs to the track whose body, moved on, it resembles most: all parts are compared, so that two people
+   who pass each other differ by their limbs while their middles meet.
+2. An id lives as long as the keeper is sure who it is. Where a body near another person jumps, or two could as well be
+   exchanged, both are unsure and are not published. When they are apart again they have new ids.
+3. A track that is not seen stays for `OTHER_S`, with no part visible.
+
+Lengths are in heights of the person, as in company.py, whose numbers hold here too.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from common import SECOND_NS
+from common.matching import best_matching
+from observer.tracking.company import GROWTH, MERGED, OTHER_S, SPEED, STEP
+from observer.tracks import Floats, PersonTracks
+
+JUMP = 0.1
+"""Half of the parts of a body that goes on are nearer than this, plus SPEED / 2 each second, to where it is expected."""
+ALIKE = 0.05
+"""Two people could be exchanged if their bodies then fit this nearly as well."""
+COMMON = 3
+"""Parts seen in both pictures from which two bodies are compared by their parts."""
+SMOOTH_S = 0.15
+"""The velocity of a body is the mean over so long."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detection:
+    """A body in one picture. centres: (P, 2) px, NaN where not seen. u, v, height: as of `PersonTracks`."""
+
+    centres: Floats
+    u: float
+    v: float
+    height: float
+
+
+@dataclass(slots=True)
+class _Followed:
+    """A track. du, dv: px per second. unsure: with whom it may have been exchanged."""
+
+    id: int
+    body: Detection
+    seen_ns: int
+    du: float = 0.0
+    dv: float = 0.0
+    unsure: set[int] = field(default_factory=set)
+
+    def moved(self, at_ns: int) -> tuple[float, float]:
+        """How far it has gone since it was seen, px."""
+        gone_s = min((at_ns - self.seen_ns) / SECOND_NS, OTHER_S)
+        return self.du * gone_s, self.dv * gone_s
+
+    def distance(self, other: "Detection | _Followed", at_ns: int) -> float:
+        """Heights between the middles."""
+        du, dv = self.moved(at_ns)
+        u, v = (other.u, other.v) if isinstance(other, Detection) else other.place(at_ns)
+        return math.hypot(self.body.u + du - u, self.body.v + dv - v) / self.body.height
+
+    def place(self, at_ns: int) -> tuple[float, float]:
+        """Where its middle is expected, px."""
+        du, dv = self.moved(at_ns)
+        return self.body.u + du, self.body.v + dv
+
+
+class PersonKeeper:
+    """Follows at most `most` people."""
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._tracks: list[_Followed] = []
+        self._last_id = 0
+
+    def update(self, detections: Sequence[Detection], at_ns: int) -> tuple[PersonTracks, ...]:
+        """The people of whom the keeper is sure, in the order in which they came; at_ns: of the picture."""
+        self._tracks = [t for t in self._tracks if 0 <= at_ns - t.seen_ns <= OTHER_S * SECOND_NS]
+        costs = [[self._cost(track, body, at_ns) for body in detections] for track in self._tracks]
+        alone = max([1.0, *(2 * cost for row in costs for cost in row if cost < math.inf)])
+        matching = best_matching(costs, alone)[1] if detections else {}
+        self._doubt(costs, matching, at_ns)
+        free = [body for n, body in enumerate(detections) if n not in matching.values()]
+        for row, column in matching.items():
+            _take(self._tracks[row], detections[column], at_ns)
+        for body in sorted(free, key=lambda each: -each.height)[: self._most - len(self._tracks)]:
+            self._tracks.append(_Followed(self._new_id(), body, at_ns))
+        self._settle(at_ns)
+        return tuple(_shown(track, at_ns) for track in self._tracks if not track.unsure)
+
+    def _cost(self, track: _Followed, body: Detection, at_ns: int) -> float:
+        """Heights between a track and a body; infinite if they are not of one person."""
+        reach = STEP + SPEED * (at_ns - track.seen_ns) / SECOND_NS
+        ratio = track.body.height / body.height
+        if not (1 / GROWTH <= ratio <= GROWTH) or track.distance(body, at_ns) > reach:
+            return math.inf
+        return _pose_distance(track, body, at_ns)
+
+    def _doubt(self, costs: Sequence[Sequence[float]], matching: dict[int, int], at_ns: int) -> None:
+        """Note who may have been exchanged in this picture (rule 2)."""
+        for row, track in enumerate(self._tracks):
+            near = [n for n, o in enumerate(self._tracks) if n != row and track.distance(o, at_ns) < MERGED]
+            for other in near:
+                if row in matching and other in matching:
+                    own = costs[row][matching[row]] + costs[other][matching[other]]
+                    exchanged = costs[row][matching[other]] + costs[other][matching[row]]
+                    doubtful = exchanged < own + 2 * ALIKE
+                else:
+                    gone_s = (at_ns - track.seen_ns) / SECOND_NS
+                    doubtful = row in matching and costs[row][matching[row]] > JUMP + SPEED / 2 * gone_s
+                if doubtful:
+                    track.unsure.add(self._tracks[other].id)
+                    self._tracks[other].unsure.add(track.id)
+
+    def _settle(self, at_ns: int) -> None:
+        """Give new ids to those who are apart from all with whom they may have been exchanged."""
+        known = {track.id: track for track in self._tracks}
+        for track in self._tracks:
+            others = [known[each] for each in track.unsure if each in known]
+            is_seen = track.seen_ns == at_ns
+            apart = all(o.seen_ns == at_ns and track.distance(o, at_ns) >= MERGED for o in others)
+            if track.unsure and is_seen and apart:
+                track.id, track.unsure = self._new_id(), set()
+
+    def _new_id(self) -> int:
+        self._last_id += 1
+        return self._last_id
+
+
+def _pose_distance(track: _Followed, body: Detection, at_ns: int) -> float:
+    """Heights: the median over the parts that both show, or between the middles."""
+    apart = body.centres - track.body.centres - np.array(track.moved(at_ns))
+    distances = np.hypot(apart[:, 0], apart[:, 1])
+    common = distances[np.isfinite(distances)]
+    if len(common) < COMMON:
+        return track.distance(body, at_ns)
+    return float(np.median(common)) / track.body.height
+
+
+def _take(track: _Followed, body: Detection, at_ns: int) -> None:
+    gone_s = max((at_ns - track.seen_ns) / SECOND_NS, 1e-3)
+    share = 1.0 - math.exp(-gone_s / SMOOTH_S)
+    track.du += share * ((body.u - track.body.u) / gone_s - track.du)
+    track.dv += share * ((body.v - track.body.v) / gone_s - track.dv)
+    track.body, track.seen_ns = body, at_ns
+
+
+def _shown(track: _Followed, at_ns: int) -> PersonTracks:
+    centres = track.body.centres if track.seen_ns == at_ns else np.full_like(track.body.centres, np.nan)
+    return PersonTracks(track.id, centres, *track.place(at_ns), track.body.height)
