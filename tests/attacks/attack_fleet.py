@@ -6,10 +6,12 @@ standby service, many are shared by the two services.
 
 import io
 import sys
-from contextlib import redirect_stdout
+from contextlib import ExitStack, redirect_stdout
 from pathlib import Path
 
+from attack_listeners import listeners
 from fault_processes import Process
+from fault_slow_line import SlowLine
 from fault_stage import SCENE, SERVICES, VIEWS, Stage
 from processes import labanmesh
 
@@ -70,3 +72,41 @@ class Fleet(Stage):
 
     def witness(self, inside=(), scene_file=None):
         return super().witness(inside, scene_file or self.place)
+
+
+class LinkedFleet(Stage):
+    """One scene whose processes each reach the router over a line of their own, and have a scene file of their own.
+
+    lines: by name; listeners: those of attack_listeners.py, and a watch, which asks for what it has missed.
+    """
+
+    def __init__(self, replay, folder):
+        super().__init__(replay, folder, fusions=SERVICES)
+        self.lines = {name: SlowLine(self.port, 0.0) for name in (*SERVICES, *VIEWS, "watch", "page", "mqtt")}
+        self._files = {}
+        for name, line in self.lines.items():
+            (folder / name).mkdir()
+            self._files[name] = self.write(f"{name}/scene.toml", f"tcp/127.0.0.1:{line.port}", SERVICES)
+        for name, verb in {**dict.fromkeys(SERVICES, "fuse"), **dict.fromkeys(VIEWS, "observe")}.items():
+            words = (verb, self._files[name], "--id", name) if verb == "fuse" else (verb, self._files[name], name)
+            self.processes[name] = Process(labanmesh(*words))
+
+    def open_listeners(self):
+        """By name those that are there: what each was told is in its `verdicts`."""
+        result = {"watch": self.witness(scene_file=self._files["watch"], watches=True)}
+        for name in ("page", "mqtt"):
+            listener = listeners(self._files[name], self.folder / f"{name} broker", SCENE).get(name)
+            if listener is not None:
+                self._listeners.callback(listener.close)
+                result[name] = listener.open()
+        return result
+
+    def __enter__(self):
+        self._listeners = ExitStack()
+        return self
+
+    def __exit__(self, *_):
+        super().__exit__()
+        self._listeners.close()
+        for line in self.lines.values():
+            line.__exit__()

@@ -21,6 +21,9 @@ KINDS = {
     "all": (*VIEWS, *SERVICES, "router", "hub"),
 }
 PAUSE_S, AWAY_S, FROZEN_S = (1.0, 3.0), (0.0, 1.0), (0.2, 1.5)
+LINK_PAUSE_S, AWAY_LINK_S = (0.5, 1.5), (0.2, 3.0)
+LISTENERS = ("watch", "page", "mqtt")
+"""Their lines fail, but they live: what a listener was told is known until it ends."""
 FREEZES = 0.25
 """The share of faults that freeze a process in place of killing it."""
 QUORUM = 2
@@ -39,16 +42,54 @@ def storm(stage, kind, seconds, chance, history):
         _pass(chance.uniform(*PAUSE_S))
 
 
+def storm_of_links(stage, seconds, chance, history):
+    """Kills, freezes, cut lines and black holes of any process, a fault each LINK_PAUSE_S, for so long."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        name = chance.choice((*stage.lines, "router"))
+        victims = SERVICES if name in SERVICES and chance.random() < 0.5 else (name,)
+        of_process, of_line = ((_kill, _freeze), (_cut, _swallow))
+        ways = of_line if name in LISTENERS else of_process if name == "router" else (*of_process, *of_line)
+        chance.choice(ways)(stage, victims, chance, history)
+        _pass(chance.uniform(*LINK_PAUSE_S))
+
+
+def _cut(stage, victims, chance, history):
+    history.note("cut", victims=victims)
+    for name in victims:
+        stage.lines[name].cut()
+    _heal(stage, victims, chance, history)
+
+
+def _swallow(stage, victims, chance, history):
+    history.note("swallow", victims=victims)
+    for name in victims:
+        stage.lines[name].swallow()
+    _heal(stage, victims, chance, history)
+
+
+def _heal(stage, victims, chance, history):
+    _pass(chance.uniform(*AWAY_LINK_S))
+    for name in victims:
+        stage.lines[name].heal()
+    history.note("heal", victims=victims)
+
+
 def _strike(stage, victims, chance, history):
-    if chance.random() < FREEZES:
-        history.note("freeze", victims=victims)
-        for name in victims:
-            stage.processes[name].freeze()
-        _pass(chance.uniform(*FROZEN_S))
-        for name in victims:
-            stage.processes[name].thaw()
-        history.note("thaw", victims=victims)
-        return
+    (_freeze if chance.random() < FREEZES else _kill)(stage, victims, chance, history)
+
+
+def _freeze(stage, victims, chance, history):
+    history.note("freeze", victims=victims)
+    for name in victims:
+        stage.processes[name].freeze()
+    _pass(chance.uniform(*FROZEN_S))
+    for name in victims:
+        stage.processes[name].thaw()
+    history.note("thaw", victims=victims)
+
+
+def _kill(stage, victims, chance, history):
     history.note("kill", victims=victims)
     for name in victims:
         stage.processes[name].kill()

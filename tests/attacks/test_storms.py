@@ -9,9 +9,9 @@ import os
 import random
 
 import pytest
-from attack_fleet import Fleet
+from attack_fleet import Fleet, LinkedFleet
 from attack_history import SEED, History
-from attack_storm import KINDS, Aftermath, aftermath, settle, storm
+from attack_storm import KINDS, Aftermath, aftermath, settle, storm, storm_of_links
 from fault_stage import SECOND_NS, Movement, Replay, all_count
 
 from common.text import plural
@@ -75,6 +75,39 @@ def test_after_a_storm_each_movement_that_was_heard_has_one_right_verdict_that_e
         print(f"{kind}, seed {seed}, {mesh}: {sum(results.values(), Aftermath(0))} in {plural(scenes, 'scene')}")
         harm = "\n".join(f"{name}: {vars(each)}" for name, each in harmed.items())
         assert not harmed, f"{harm}\n{path}\n{stage.logs()}"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_after_a_storm_of_links_each_movement_has_one_right_verdict_for_every_listener(
+    seed, request, long_form, tmp_path
+):
+    if not long_form:
+        pytest.skip("the long form: make attacks")
+    replay, history = request.getfixturevalue("replay"), History(request.node.nodeid, seed)
+    chance = random.Random(seed)  # noqa: S311 - to be repeated
+    with LinkedFleet(replay, tmp_path) as stage:
+        stage.play()
+        witness = stage.witness()
+        witness.wait_for(all_count, timeout_s=60.0, why=f"all count\n{stage.logs()}")
+        others = stage.open_listeners()
+        witness.look()
+        since_ns = witness.last["at_ns"]
+        storm_of_links(stage, STORM_S, chance, history)
+        witness.wait_for(all_count, timeout_s=60.0, why=f"all count again\n{stage.logs()}")
+        performed = [one for one in settle(stage, witness) if one.began_ns > since_ns]
+        others["watch"].look()
+        results = {}
+        for name, listener in {"witness": witness, **others}.items():
+            results[name] = aftermath(performed, witness.judgements, listener.verdicts)
+            words = [(v["id"], v["label"], v["stage"], v["began_ns"], v["ended_ns"]) for v in listener.verdicts]
+            history.note("end", listener=name, result=str(results[name]), detail=vars(results[name]), verdicts=words)
+            print(f"links, seed {seed}, {name}: {results[name]}")
+        harmed = {name: vars(each) for name, each in results.items() if not each.harmless}
+        path = history.keep()
+        if harmed:
+            history.keep_more("messages.json", json.dumps(witness.messages))
+            history.keep_more("logs", stage.logs(most=None))
+        assert not harmed, f"{harmed}\n{path}\n{stage.logs()}"
 
 
 def judged(at_s, heard=2):

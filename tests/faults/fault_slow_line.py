@@ -1,4 +1,6 @@
-"""A TCP relay on the loopback that delays everything, as a long line between two machines does, and that can be cut."""
+"""A TCP relay on the loopback that delays everything, as a long line between two machines does, and that can be cut, or
+swallow what is sent until it passes on again, late, as TCP does after packets were lost.
+"""
 
 import socket
 import threading
@@ -17,7 +19,8 @@ class SlowLine:
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
         self.passed = 0
-        self._sockets, self._is_cut = [], False
+        self._sockets, self._is_cut, self._passes = [], False, threading.Event()
+        self._passes.set()
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self):
@@ -27,7 +30,11 @@ class SlowLine:
                 if self._is_cut:
                     near.close()
                     continue
-                far = socket.create_connection(self._to)
+                try:
+                    far = socket.create_connection(self._to)
+                except OSError:
+                    near.close()
+                    continue
                 self._sockets += [near, far]
                 for source, sink in ((near, far), (far, near)):
                     source.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -50,6 +57,7 @@ class SlowLine:
             while come.acquire():
                 due, data = waiting.popleft()
                 time.sleep(max(due - time.monotonic(), 0.0))  # the delay itself, no waiting for a condition
+                self._passes.wait()
                 if not data:
                     break
                 try:
@@ -69,14 +77,20 @@ class SlowLine:
         self._is_cut = True
         self._end(self._sockets)
 
+    def swallow(self):
+        """A black hole: nothing passes, and no connection ends, until `heal`."""
+        self._passes.clear()
+
     def heal(self):
         """The line can be used again."""
         self._is_cut = False
+        self._passes.set()
 
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
+        self.heal()
         self._end((self._listening, *self._sockets))
 
     @staticmethod
