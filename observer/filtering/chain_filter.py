@@ -1,23 +1,46 @@
-"""The phase filter for many chains at one speed, and for facings (docs/design/model.md). Pure.
+"""The Bayes filter over movement, facing and phase, with rest before and after (docs/design/model.md). Pure.
 
-It computes the same as `phase_filter.py:PhaseFilter`, its oracle in the tests, but skips chains with negligible mass,
-and phases that no mass can have reached yet.
+A movement is a mixture of *chains* of phases, one for each training example. A person at rest enters a chain near its
+beginning, advances through its phases, and leaves it past the last one into the rest after that movement. Chains with
+negligible mass are skipped, and phases that no mass can have reached yet.
 """
 
 import math
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filtering.phase_filter import FLOOR, Dynamics
 from observer.tracks import Floats, Floats32, Integers
 
+FLOOR = -69.0
+"""Log of 1e-30: the strongest evidence of a single frame against a state."""
 NEGLIGIBLE = 1e-8
 """Share of all mass: a chain with less is skipped until the person rests again, and less mass enters no chain."""
 LEAST = np.float32(math.exp(FLOOR))
 CROWDED = 0.75
 """Chains are dropped when fewer than this share of the live ones still count: copying the others costs time too."""
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """How a person moves through a chain, by frames.
+
+    steps: (K,) P(advance by k phases). entry: (S,) P(enter at phase s). begin: P(leave rest). forget: P(the rest after
+    a movement becomes plain rest), and the share of probability that returns to the prior without any visible part.
+    abandon: P(a movement is given up | the person is still). settled: number of still frames in a row after which the
+    person certainly rests. under_way: P(a movement is in progress before the first frame), in any phase, if the onset
+    is not known.
+    """
+
+    steps: Floats
+    entry: Floats
+    begin: float
+    forget: float
+    abandon: float = 0.0
+    settled: float = math.inf
+    under_way: float = 0.0
 
 
 class Evidence(Protocol):
@@ -41,9 +64,8 @@ class Evidence(Protocol):
 class ChainFilter:
     """P(movement, facing, phase | frames so far).
 
-    cell_of: (C,) movement * K + facing of each chain; movements M, facings K; phases: of each chain. dynamics: with
-    one speed. The prior is uniform over movements that have chains, and over the facings of each.
-    negligible: see NEGLIGIBLE; 0 skips nothing.
+    cell_of: (C,) movement * K + facing of each chain; movements M, facings K; phases: of each chain. The prior is
+    uniform over movements that have chains, and over the facings of each. negligible: see NEGLIGIBLE; 0 skips nothing.
     """
 
     def __init__(
@@ -58,7 +80,7 @@ class ChainFilter:
     ) -> None:
         self._cell_of, self._shape, self._phases = cell_of, (movements, facings), phases
         self._dynamics, self._negligible = dynamics, negligible
-        self._advance = _advance_matrix(dynamics.steps[0], phases)
+        self._advance = _advance_matrix(dynamics.steps, phases)
         count = np.bincount(cell_of, minlength=movements * facings)
         self._prior = (count > 0) / max(int((count > 0).sum()), 1)
         of_chain = self._prior[cell_of] / count[cell_of]

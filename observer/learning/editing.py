@@ -18,7 +18,7 @@ from observer.learning.learn import with_calibration
 from observer.model.base import Example, Header, MovementModel, learned_from, with_features
 from observer.model.cross_validation import held_out_of
 from observer.model.parameters import facings_in
-from observer.model.training_memory import Remembers
+from observer.model.stacked import Stacked
 from observer.model.training_rows import LEARNED_FACINGS
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
 from observer.motion.placing import placed
@@ -117,7 +117,7 @@ def _learned_again(
     model: MovementModel, header: Header, indices: Mapping[int, int], added: Sequence[Example] = ()
 ) -> MovementModel:
     """The model of its own examples of the movements in `indices`, old to new, and of those that are added."""
-    if not isinstance(model, Remembers) or facings_in(header.parameters) > LEARNED_FACINGS:
+    if not isinstance(model, Stacked) or facings_in(header.parameters) > LEARNED_FACINGS:
         raise BadInput(f"model {header.kind}: does not keep all its takes; learn it again with all its movements")
     kind, (examples, streams) = type(model), model.remembered(indices)
     examples = [*examples, *added]

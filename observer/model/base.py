@@ -5,7 +5,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
-from typing import TYPE_CHECKING, ClassVar, Protocol, Self, TypeVar, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,15 @@ if TYPE_CHECKING:
     from observer.score.references import ReferenceTakes
 
 Arrays = Mapping[str, NDArray[np.generic]]
+
+
+def array_in(arrays: Arrays, name: str, shape: tuple[int | None, ...], dtype: type[np.generic]) -> NDArray[Any]:
+    """The array of that name in a model file; ValueError for another shape, None: any length, and for NaN, infinity."""
+    array = np.asarray(arrays[name], dtype)
+    fits = array.ndim == len(shape) and all(n in (None, own) for n, own in zip(shape, array.shape, strict=True))
+    if not fits or not np.isfinite(array).all():
+        raise ValueError(f"{name} of shape {array.shape}: finite numbers of shape {shape} are expected")
+    return array
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +105,8 @@ class StreamSpan:
 class Stream:
     """A continuous recording as the model's view sees it: outside the spans the person does something else.
 
-    Within each span there is one movement of the vocabulary or of the background; no other movement that has a name
-    occurs. Spans are in order and do not overlap. facing, subject, trial and features: as of `Example`.
+    Within each span, in order and apart, there is one movement of the vocabulary or of the background; no other that
+    has a name occurs. facing, subject, trial and features: as of `Example`.
     """
 
     tracks: Sequence[Tracks]
@@ -138,8 +147,7 @@ class Stream:
 class Onset:
     """What is known about the beginning of the movement.
 
-    known: the movement begins with the first frame. length: its number of frames, which only `frame-table` may use,
-    as the paper's frame clock I does.
+    known: the movement begins with the first frame. length: its number of frames, for the paper's frame clock I alone.
     """
 
     known: bool = False

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.features import groups_of
-from observer.filtering.phase_filter import FLOOR
+from observer.filtering.chain_filter import FLOOR
 from observer.tracks import Floats, Floats32, Integers
 
 

@@ -1,13 +1,13 @@
 """Multinomial logistic regression with an L2 penalty, learned by SciPy's L-BFGS. Pure."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.model.base import Arrays, array_in
 from observer.tracks import Floats32
 
 Vector = np.ndarray[tuple[int], np.dtype[np.float64]]
@@ -62,15 +62,10 @@ class LogisticRegression:
         return {f"{name}_weights": self.weights, f"{name}_intercepts": self.intercepts}
 
     @classmethod
-    def from_arrays(cls, name: str, arrays: Mapping[str, NDArray[np.generic]], shape: tuple[int, int]) -> Self:
+    def from_arrays(cls, name: str, arrays: Arrays, shape: tuple[int, int]) -> Self:
         """The inverse of `as_arrays`; ValueError for arrays that are not (D, K) = `shape`, or not finite."""
-        weights = np.asarray(arrays[f"{name}_weights"], np.float32)
-        intercepts = np.asarray(arrays[f"{name}_intercepts"], np.float32)
-        if weights.shape != shape or intercepts.shape != shape[1:]:
-            raise ValueError(f"{name}: weights {weights.shape}, intercepts {intercepts.shape}; {shape} is expected")
-        if not (np.isfinite(weights).all() and np.isfinite(intercepts).all()):
-            raise ValueError(f"{name}: weights contain NaN or infinity")
-        return cls(weights, intercepts)
+        weights = array_in(arrays, f"{name}_weights", shape, np.float32)
+        return cls(weights, array_in(arrays, f"{name}_intercepts", shape[1:], np.float32))
 
 
 class _Loss:

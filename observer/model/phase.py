@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.body import TRUNK
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
-from observer.filtering.chain_filter import ChainFilter
-from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, with_defaults
-from observer.model.chain_dynamics import chain_dynamics
+from observer.filtering.chain_filter import ChainFilter, Dynamics
+from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, array_in, with_defaults
 from observer.model.chains import (
     LivePostures,
     PostureEvidence,
@@ -31,6 +30,13 @@ from observer.tracks import Floats, Tracks
 FEWEST_PHASES = 8
 USUAL_PARTS = 3
 """The parts for which `sharpness` was chosen: hands and head."""
+STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
+"""P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
+ENTRY = (0.4, 0.3, 0.2, 0.1)
+"""P(a movement is entered in its first, ... fourth phase)."""
+UNDER_WAY = 0.2
+"""P(the person is in the middle of a movement when an observer starts). With .5 a movement is noticed hardly sooner,
+but the probability of rest begins at .7 in place of .9 where the person rests."""
 
 
 class Phase:
@@ -97,18 +103,15 @@ class Phase:
         """
         if header.background is not None:
             raise BadInput("a phase model with a background, which this version does not have")
-        chains = np.asarray(arrays["chains"], np.float32)
-        movement_of = np.asarray(arrays["movement_of"], np.int64)
-        facing_of = np.asarray(arrays["facing_of"], np.int64)
         features = 5 * len(parts_read(header.body_parts)) + 2
-        if chains.ndim == 3 and chains.shape[2] == 5 * len(header.body_parts) + 2 > features:
+        if arrays["chains"].shape[2:] == (5 * len(header.body_parts) + 2,) != (features,):
             raise KeyError("chains of the head and the limbs alone")
-        if chains.ndim != 3 or chains.shape[2] != features or 0 in chains.shape:
-            raise ValueError(f"chains have shape {chains.shape}, (C, Φ, {features}) is expected")
-        if movement_of.shape != chains.shape[:1] or facing_of.shape != chains.shape[:1]:
-            raise ValueError("movement_of and facing_of do not fit the chains")
-        if not np.isfinite(chains).all():
-            raise ValueError("chains contain NaN or infinity")
+        chains = array_in(arrays, "chains", (None, None, features), np.float32)
+        movement_of, facing_of = (
+            array_in(arrays, name, chains.shape[:1], np.int64) for name in ("movement_of", "facing_of")
+        )
+        if not chains.size:
+            raise ValueError(f"chains have shape {chains.shape}: some are expected")
         if movement_of.min() < 0 or movement_of.max() >= header.vocabulary.size:
             raise ValueError("movement_of is outside the vocabulary")
         if facing_of.min() < 0 or facing_of.max() >= header.parameters["facings"]:
@@ -188,3 +191,38 @@ def parts_read(body_parts: Sequence[str]) -> tuple[str, ...]:
     trunk = {part for point in TRUNK for part in point if part != "head"}
     limbs = tuple(part for part in body_parts if part not in trunk)
     return limbs if len(limbs) > 1 else tuple(body_parts)
+
+
+def step_probabilities(share: float) -> Floats:
+    """(K,) P(advance by k phases) within `share` fifteenths of a second.
+
+    STEPS convolved with itself once per whole fifteenth; the remainder is one more step with that probability.
+    """
+    whole, part = int(share), share - int(share)
+    steps = np.ones(1)
+    for _ in range(whole):
+        steps = np.convolve(steps, STEPS)
+    if part > 0:
+        once = part * np.array(STEPS)
+        once[0] += 1 - part
+        steps = np.convolve(steps, once)
+    result: Floats = steps
+    return result
+
+
+def chain_dynamics(parameters: Mapping[str, float], share: float, onset_known: bool) -> Dynamics:
+    """The dynamics of the phase filter; share: of a fifteenth of a second that a frame lasts.
+
+    begin, forget and abandon are probabilities for 1/15 s, settled counts such fifteenths. With a known onset nothing
+    settles, because a person who is known to do a movement may hold its pose for long.
+    """
+    begin, forget, abandon = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
+    return Dynamics(
+        steps=step_probabilities(share),
+        entry=np.array(ENTRY),
+        begin=begin,
+        forget=forget,
+        abandon=abandon,
+        settled=np.inf if onset_known else parameters["settled"] / share,
+        under_way=UNDER_WAY,
+    )

@@ -6,7 +6,6 @@ the window's instants at which the convolution exceeds a bias, which is a quanti
 window. In a window of several channels each pair of kernel and dilation sums over a random few of them, as in aeon.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from observer.model.base import Arrays, array_in
 from observer.tracks import Floats32, Integers
 
 TAPS = 9
@@ -152,24 +152,16 @@ class MiniRocket:
         }
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Self:
+    def from_arrays(cls, arrays: Arrays) -> Self:
         """From the arrays of `as_arrays`; ValueError for arrays that do not fit or are not finite."""
-        for name in ("rocket_biases", "rocket_channels"):
-            if not np.isfinite(arrays[name].astype(np.float32)).all():
-                raise ValueError(f"{name} contain NaN or infinity")
-        dilations, counts = (arrays[f"rocket_{name}"].astype(np.int64) for name in ("dilations", "counts"))
-        channels, length = (
-            arrays["rocket_channels"].astype(np.float32),
-            int(arrays["rocket_length"].astype(np.int64)[0]),
-        )
-        if dilations.ndim != 1 or counts.shape != dilations.shape or channels.shape[:2] != (len(counts), len(KERNELS)):
-            raise ValueError("rocket_dilations, rocket_counts and rocket_channels are of different lengths")
+        counts = array_in(arrays, "rocket_counts", (None,), np.int64)
+        dilations = array_in(arrays, "rocket_dilations", counts.shape, np.int64)
+        channels = array_in(arrays, "rocket_channels", (len(counts), len(KERNELS), None), np.float32)
+        length = int(array_in(arrays, "rocket_length", (1,), np.int64)[0])
         if not ((dilations > 0) & (counts > 0)).all() or not dilations.max() * (TAPS - 1) < length:
             raise ValueError(f"rocket_dilations do not fit windows of {length} frames")
         ends = np.cumsum(counts)
-        rows = arrays["rocket_biases"].astype(np.float32).reshape(-1, len(KERNELS))
-        if ends[-1] != len(rows):
-            raise ValueError("rocket_biases are not as many as rocket_counts say")
+        rows = array_in(arrays, "rocket_biases", (int(ends[-1]) * len(KERNELS),), np.float32).reshape(-1, len(KERNELS))
         return cls(length, RocketParameters(dilations, channels, tuple(np.split(rows, ends[:-1]))))
 
 

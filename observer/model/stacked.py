@@ -8,13 +8,13 @@ alone. `stacker.py` weighs what they say (docs/design/model.md).
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
 
-from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, with_defaults
+from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, array_in, with_defaults
 from observer.model.body_trace import EXTENT_S, BodyTrace, hop_of, tracks_of, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
@@ -158,9 +158,7 @@ class Stacked(LearnsStreams):
         learned = _Learned.from_arrays(header, arrays)
         answers = LogisticRegression.from_arrays("trailing_movement", arrays, (learned.trailing.size, movements + 1))
         memory = TrainingMemory.from_arrays(arrays, movements, len(header.background or ()), width_of(parts))
-        scales = np.asarray(arrays["take_scales"], np.float64)
-        if scales.shape not in ((0,), (movements,)) or not (np.isfinite(scales) & (scales > 0)).all():
-            raise ValueError(f"take_scales are {scales}; {movements} distances are expected")
+        scales = _positive(arrays, "take_scales", movements if arrays["take_scales"].size else 0)
         hop = hop_of(header.rate_hz)
         takes = NearestTakes.of(memory.examples, movements, scales, hop) if len(scales) else None
         segments = SegmentClassifier.from_arrays(arrays, movements, parts)
@@ -202,25 +200,33 @@ class Stacked(LearnsStreams):
         return StackedWatch(self, onset)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class _Learned:
     """What a model file has of a `TrainingTable`."""
 
-    def __init__(self, trailing: TrailingFeatures, longest: int, of_movements: tuple[Floats, Floats, Floats32]) -> None:
-        self.trailing, self.longest = trailing, longest
-        self.lengths, self.extents, self.usual_posture = of_movements
+    trailing: TrailingFeatures
+    longest: int
+    lengths: Floats
+    extents: Floats
+    usual_posture: Floats32
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> "_Learned":
         movements, parts = header.vocabulary.size, len(header.body_parts)
-        lengths, extents = (np.asarray(arrays[name], np.float64) for name in ("lengths", "extents"))
-        usual = np.asarray(arrays["usual_posture"], np.float32)
-        for name, values, size in (("lengths", lengths, movements), ("extents", extents, movements)):
-            if values.shape != (size,) or not (np.isfinite(values) & (values > 0)).all():
-                raise ValueError(f"{name} are {values}; {size} positive numbers are expected")
-        if usual.shape != (2 * parts,) or not np.isfinite(usual).all():
-            raise ValueError(f"usual_posture has shape {usual.shape}; ({2 * parts},) is expected")
-        trailing = TrailingFeatures.from_arrays(arrays, header.rate_hz, parts)
-        return cls(trailing, int(arrays["longest"].astype(np.int64)[0]), (lengths, extents, usual))
+        return cls(
+            TrailingFeatures.from_arrays(arrays, header.rate_hz, parts),
+            int(array_in(arrays, "longest", (1,), np.int64)[0]),
+            _positive(arrays, "lengths", movements),
+            _positive(arrays, "extents", movements),
+            array_in(arrays, "usual_posture", (2 * parts,), np.float32),
+        )
+
+
+def _positive(arrays: Arrays, name: str, count: int) -> Floats:
+    values: Floats = array_in(arrays, name, (count,), np.float64)
+    if not (values > 0).all():
+        raise ValueError(f"{name} are {values}: positive numbers are expected")
+    return values
 
 
 def _task_of(header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Floats:
@@ -239,11 +245,8 @@ def _stacker_arrays(stacker: Stacker) -> dict[str, Floats]:
 
 def _stacker_in(arrays: Arrays) -> Stacker:
     """ValueError for arrays that do not fit."""
-    own = [np.asarray(arrays[name], np.float64) for name in ("stacker_weights", "stacker_other")]
-    shapes = (PRIOR.weights.spreads.shape, PRIOR.other.spreads.shape)
-    if tuple(each.shape for each in own) != shapes or not all(np.isfinite(each).all() for each in own):
-        raise ValueError(f"stacker weights of shapes {[each.shape for each in own]}; finite ones {shapes} are expected")
-    return Stacker(*own)
+    weights = array_in(arrays, "stacker_weights", PRIOR.weights.spreads.shape, np.float64)
+    return Stacker(weights, array_in(arrays, "stacker_other", PRIOR.other.spreads.shape, np.float64))
 
 
 def _phase_header(header: Header) -> Header:

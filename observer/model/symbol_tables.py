@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from common.probability import softmax
 from observer.features import SpaceReader, Symbols, VectorSymbol
-from observer.model.base import Arrays, Example, Header, Onset, Watch, with_defaults
+from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in, with_defaults
 from observer.model.parameters import NOT_NEGATIVE, POSITIVE, Parameter, ParameterRange
 from observer.tracks import Floats, Tracks
 
@@ -119,12 +119,10 @@ class FrameTable:
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
         """From log_table (M, I, P, 9) and mean_frames (); raises ValueError if they do not fit the header."""
-        log_table, mean_frames = np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"])
+        mean_frames = float(arrays["mean_frames"])
         shape = (header.vocabulary.size, int(header.parameters["bins"]), len(header.body_parts), SYMBOLS)
-        if log_table.shape != shape:
-            raise ValueError(f"log_table has shape {log_table.shape}, {shape} is expected")
-        # Not NaN either, which fails every comparison.
-        if not (log_table <= ROUND_OFF).all() or not (log_table >= LEAST_LOG).all():
+        log_table = array_in(arrays, "log_table", shape, np.float64)
+        if log_table.max() > ROUND_OFF or log_table.min() < LEAST_LOG:
             raise ValueError(f"log_table holds logarithms of probabilities, {LEAST_LOG:g} to 0")
         if not 1 <= mean_frames < 1e9:
             raise ValueError(f"mean_frames is {mean_frames:g}, a mean number of frames is expected")

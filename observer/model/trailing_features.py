@@ -5,7 +5,7 @@ of positions and velocities, and by how often dilated convolutions exceed their 
 counted over windows that end now).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Self
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.features import REFERENCE_HZ
+from observer.model.base import Arrays, array_in
 from observer.model.body_trace import relative_and_path
 from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, biases_of, choose_channels
 from observer.tracks import Floats, Floats32, Integers
@@ -112,20 +113,17 @@ class TrailingFeatures:
         return {**of_windows, "trailing_channels": self._channels, "trailing_biases": self._biases}
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]], rate_hz: float, parts: int) -> Self:
+    def from_arrays(cls, arrays: Arrays, rate_hz: float, parts: int) -> Self:
         """The inverse of `as_arrays`; ValueError for arrays that do not fit P = `parts`."""
         names = ("convolutions", "postures", "dilations")
-        lengths = [tuple(int(v) for v in arrays[f"trailing_{name}"].astype(np.int64)) for name in names]
-        channels = np.asarray(arrays["trailing_channels"], np.bool_)
-        biases = np.asarray(arrays["trailing_biases"], np.float32)
-        if not all(lengths) or not all(0 < v <= MOST_WINDOW for values in lengths for v in values):
-            raise ValueError(f"trailing windows {lengths}: 1 to {MOST_WINDOW} frames are expected")
-        if any(one >= two for values in lengths for one, two in pairwise(values)):
-            raise ValueError(f"trailing windows {lengths}: increasing lengths are expected")
+        lengths = [tuple(array_in(arrays, f"trailing_{name}", (None,), np.int64).tolist()) for name in names]
+        if not all(own and own[0] > 0 and own[-1] <= MOST_WINDOW for own in lengths) or any(
+            one >= two for own in lengths for one, two in pairwise(own)
+        ):
+            raise ValueError(f"trailing windows {lengths}: increasing ones up to {MOST_WINDOW} are expected")
         shape = (len(lengths[2]), len(KERNELS))
-        if channels.shape != (*shape, 2 * parts) or biases.shape != shape or not np.isfinite(biases).all():
-            raise ValueError(f"trailing channels {channels.shape}, biases {biases.shape} do not fit {parts} parts")
-        return cls(Windows(*lengths), rate_hz, channels, biases)
+        channels = array_in(arrays, "trailing_channels", (*shape, 2 * parts), np.bool_)
+        return cls(Windows(*lengths), rate_hz, channels, array_in(arrays, "trailing_biases", shape, np.float32))
 
 
 class TrailingWatch:

@@ -5,12 +5,12 @@ They are stored as traces (`body_trace.py`), float32: 36 bytes a frame for hands
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self, runtime_checkable
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Arrays, Example, Stream, StreamSpan
+from observer.model.base import Arrays, Example, Stream, StreamSpan, array_in
 from observer.tracks import Floats
 
 OF_EXAMPLES, OF_STREAMS = "example", "stream"
@@ -72,18 +72,6 @@ class TrainingMemory:
         return cls(tuple(examples), tuple(replace(s, spans=tuple(spans.get(n, ()))) for n, s in enumerate(streams)))
 
 
-@runtime_checkable
-class Remembers(Protocol):
-    """The additional methods of a model that keeps the traces of all its examples and streams."""
-
-    @property
-    def memory(self) -> TrainingMemory:
-        """What it was learned from."""
-
-    def remembered(self, indices: Mapping[int, int]) -> tuple[list[Example], list[Stream]]:
-        """The same of the movements in `indices`, old to new, as it learns from it: with tracks and features."""
-
-
 def trace_in(source: Example | Stream) -> Floats:
     """The trace of what is remembered; raises ValueError for anything else, whose trace has not been read."""
     if source.features is None:
@@ -104,12 +92,10 @@ def _as_arrays(name: str, sources: Sequence[Example | Stream]) -> dict[str, NDAr
 
 def _from_arrays(name: str, arrays: Arrays, columns: int) -> Iterator[tuple[int, str, str, Floats]]:
     """Facing, subject, trial and trace of each."""
-    lengths = np.asarray(arrays[f"{name}_lengths"], np.int64)
-    traces = np.asarray(arrays[f"{name}_traces"], np.float32)
-    if len(lengths) and (traces.ndim != 2 or traces.shape[1] != columns):
-        raise ValueError(f"{name}_traces have shape {traces.shape}, (F, {columns}) is expected")
-    if lengths.sum() != len(traces) or (lengths < 1).any() or not np.isfinite(traces).all():
-        raise ValueError(f"{name}_traces do not fit {name}_lengths, or contain NaN or infinity")
+    lengths = array_in(arrays, f"{name}_lengths", (None,), np.int64)
+    traces = array_in(arrays, f"{name}_traces", (None, columns if len(lengths) else None), np.float32)
+    if lengths.sum() != len(traces) or (lengths < 1).any():
+        raise ValueError(f"{name}_traces do not fit {name}_lengths")
     parts = np.split(traces, np.cumsum(lengths)[:-1]) if len(lengths) else []
     others = (arrays[f"{name}_{what}"].tolist() for what in ("facings", "subjects", "trials"))
     for facing, subject, trial, trace in zip(*others, parts, strict=True):

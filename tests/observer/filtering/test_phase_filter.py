@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_phase_filter import PhaseFilter, SpeedDynamics
 
 from common.probability import entropy_bits
-from observer.filtering.phase_filter import Dynamics, PhaseFilter
 
 
 def dynamics(steps, begin=0.3, forget=0.2, entry=(0.6, 0.4), abandon=0.4):
@@ -17,7 +17,7 @@ def dynamics(steps, begin=0.3, forget=0.2, entry=(0.6, 0.4), abandon=0.4):
     v = len(steps)
     # Not symmetric: P(v' | v) is not P(v | v').
     jitter = np.array([[0.9, 0.1], [0.4, 0.6]]) if v == 2 else np.eye(v)
-    return Dynamics(steps, np.full(v, 1 / v), jitter, np.array(entry), begin, forget, abandon)
+    return SpeedDynamics(steps, np.array(entry), begin, forget, abandon, speeds=np.full(v, 1 / v), jitter=jitter)
 
 
 def paths_oracle(movement_of, phases, prior, d, known, evidence, rests, still):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_phase_filter import PhaseFilter
 
-from observer.filtering.phase_filter import Dynamics, PhaseFilter
+from observer.filtering.chain_filter import Dynamics
 from observer.model.symbol_tables import SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
 
 
@@ -66,10 +67,7 @@ def test_the_phase_filter_with_one_speed_equals_the_frame_table(seed, frames):
     rng = np.random.default_rng(seed)
     movements, phases, parts = 4, 12, 3
     table = np.log(random_table(rng, movements, phases, parts))
-    one = np.ones(1)
-    one_phase_a_frame = Dynamics(
-        steps=np.array([[0.0, 1.0]]), speeds=one, jitter=np.eye(1), entry=one, begin=0.1, forget=0.1
-    )
+    one_phase_a_frame = Dynamics(steps=np.array([0.0, 1.0]), entry=np.ones(1), begin=0.1, forget=0.1)
     belief = PhaseFilter(np.arange(movements), phases, np.full(movements, 1 / movements), one_phase_a_frame, True)
     clock = FrameClock(movements, phases, frames=phases)
     for symbols in rng.integers(-1, SYMBOLS, size=(frames, parts)).astype(np.int8):

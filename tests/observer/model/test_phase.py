@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 from performances import DOOR, recordings_of, watching
+from plain_phase_filter import PhaseFilter
 
 from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
-from observer.filtering.phase_filter import Dynamics, PhaseFilter
+from observer.filtering.chain_filter import Dynamics
 from observer.learning.learn import learn_view
 from observer.model.base import Header, Onset, with_defaults
-from observer.model.chain_dynamics import ENTRY, step_probabilities
-from observer.model.phase import Phase, parts_read
+from observer.model.phase import ENTRY, Phase, parts_read, step_probabilities
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, WHOLE_BODY
 from studies.performer import perform
@@ -25,7 +25,7 @@ def test_the_posterior_is_that_of_the_phase_filter():
     chains, answer_of = arrays["chains"].astype(float), arrays["movement_of"]
     share, parameters = 15.0 / model.header.rate_hz, model.header.parameters
     rates = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
-    dynamics = Dynamics(shares[None], np.ones(1), np.ones((1, 1)), np.array(ENTRY), *rates)
+    dynamics = Dynamics(shares, np.array(ENTRY), *rates)
     oracle = PhaseFilter(answer_of, chains.shape[1], np.full(3, 1 / 3), dynamics, onset_known=True)
     reader = PostureReader(BODY_PARTS, model.header.rate_hz, parameters["fast"], parameters["apart"])
     (shown,) = recordings_of(people, "3", ("byebye",)).recordings

@@ -9,9 +9,8 @@ from performances import DOOR
 from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Header, Onset, with_defaults
-from observer.model.chain_dynamics import STEPS, chain_dynamics, step_probabilities
 from observer.model.chains import resample_phases
-from observer.model.phase import Phase
+from observer.model.phase import STEPS, Phase, chain_dynamics, step_probabilities
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.features import groups_of
-from observer.filtering.phase_filter import FLOOR
+from observer.filtering.chain_filter import FLOOR
 from observer.model.chains import LivePostures, PostureEvidence, Postures, RestPostures
 
 PARTS, PHASES, CHAINS = 3, 4, 5

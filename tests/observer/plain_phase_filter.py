@@ -1,44 +1,36 @@
-"""The Bayes filter over movement, phase and speed, with rest before and after (docs/design/model.md).
+"""The Bayes filter over movement, phase and speed, with rest before and after, written down plainly
+(docs/design/model.md): the oracle of `observer/filtering/chain_filter.py:ChainFilter`, which has one speed.
 
 A movement is one or several *chains* of phases: one chain learned on average, or one per training example, whose
 mixture the movement then is. A person at rest enters a chain near its beginning, advances through its phases at one of
 V speeds, and leaves it past the last phase into the rest after that movement.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filtering.chain_filter import FLOOR, Dynamics
 from observer.tracks import Floats
 
-FLOOR = -69.0
-"""Log of 1e-30: the strongest evidence of a single frame against a state."""
 NEGLIGIBLE = 1e-150
 """Masses below this are set to 0: they decide nothing, and arithmetic with numbers near 1e-308 is slow."""
 
 
-@dataclass(frozen=True, slots=True)
-class Dynamics:
-    """How a person moves through a chain.
+@dataclass(frozen=True)
+class SpeedDynamics(Dynamics):
+    """With V speeds. steps: (V, K). speeds: (V,) P(v) at the start. jitter: (V, V) P(v' | v) from frame to frame."""
 
-    steps: (V, K) P(advance by k phases in one frame | speed v). speeds: (V,) P(v) at the start. jitter: (V, V)
-    P(v' | v) from one frame to the next. entry: (S,) P(enter at phase s). begin: P(leave rest in one frame).
-    abandon: P(a movement is given up in one frame | the person is still). forget: P(the rest after a movement becomes
-    plain rest, in one frame), and the share of probability that returns to the prior in a frame without any visible
-    part. settled: number of still frames in a row after which the person certainly rests (ChainFilter only).
-    under_way: P(a movement is in progress before the first frame), in any phase, if the onset is not known.
-    """
+    speeds: Floats = field(default_factory=lambda: np.ones(1))
+    jitter: Floats = field(default_factory=lambda: np.ones((1, 1)))
 
-    steps: Floats
-    speeds: Floats
-    jitter: Floats
-    entry: Floats
-    begin: float
-    forget: float
-    abandon: float = 0.0
-    settled: float = np.inf
-    under_way: float = 0.0
+
+def with_speeds(dynamics: Dynamics) -> SpeedDynamics:
+    """The same, with one speed."""
+    if isinstance(dynamics, SpeedDynamics):
+        return dynamics
+    return SpeedDynamics(**{**asdict(dynamics), "steps": dynamics.steps[None]})
 
 
 class PhaseFilter:
@@ -51,7 +43,8 @@ class PhaseFilter:
     def __init__(
         self, movement_of: NDArray[np.int64], phases: int, prior: Floats, dynamics: Dynamics, onset_known: bool
     ) -> None:
-        self._movement_of, self._dynamics, self._prior = movement_of, dynamics, prior
+        self._movement_of, self._dynamics, self._prior = movement_of, with_speeds(dynamics), prior
+        dynamics = self._dynamics
         chains = np.bincount(movement_of, minlength=len(prior))
         self._chain_prior = prior[movement_of] / chains[movement_of]
         self._active = np.zeros((len(dynamics.speeds), len(movement_of), phases))
