@@ -14,7 +14,7 @@ from observer.body_reach import BodyReach
 from observer.stillness import Stillness
 from observer.tracks import Floats, Tracks
 
-FORGET_S = 1.0
+FORGET_PERSON_S = 1.0
 """After nobody was seen for this long, the next person may be another one."""
 FOLLOW_S, FOLLOW_STILL_S = 10.0, 0.15
 """Time constants of the origin: in movement, so that it does not follow a person who bends, and while still."""
@@ -25,8 +25,8 @@ SHRINK_S, SHRINK_STILL_S = 30.0, 0.4
 class BodyFrame:
     """The origin of positions and the body's size in each frame of a stream of tracks.
 
-    body_parts: names of the P parts, at least two, in any order. A part with a name that is neither in TRUNK nor in
-    `body_reach.LENGTHS` tells place and size only where no known part does. Raises BadInput for fewer than two parts.
+    body_parts: names of the P parts, at least two, in any order. A part with a name that is neither in TRUNK_POINTS nor
+    in `body_reach.TORSO_LENGTHS` tells place and size only where no known one does. Raises BadInput for fewer than two.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
@@ -71,7 +71,7 @@ class BodyFrame:
         torso's length; it grows at once, and shrinks while the person is still. Both are NaN until known.
         """
         self._unseen = 0 if tracks.visible.any() else self._unseen + 1
-        if self._unseen > FORGET_S * self._rate_hz:
+        if self._unseen > FORGET_PERSON_S * self._rate_hz:
             self._forget()
         anchor, reach = self._anchor.update(tracks.centres), self._reach.update(tracks.centres)
         still = self._stillness.update(tracks, self._size)
@@ -96,20 +96,20 @@ class BodyFrame:
         self._stillness.forget()
 
 
-TRUNK = (("head",), ("neck",), ("left_shoulder", "right_shoulder"), ("pelvis",), ("left_hip", "right_hip"))
+TRUNK_POINTS = (("head",), ("neck",), ("left_shoulder", "right_shoulder"), ("pelvis",), ("left_hip", "right_hip"))
 """Points that stand for the body's place, best first: a part, or the middle of two."""
 STEADY_S = 0.3
 """Up to this time the place is the median since the first frame, because one error would misplace all later frames."""
 
 
 class BodyAnchor:
-    """The body's place in the image: the first point of TRUNK that its parts have, else the mean of all parts.
+    """The body's place in the image: the first point of TRUNK_POINTS that its parts have, else the mean of all parts.
 
     While it is not seen, the next point stands in for it, at the distance at which both were last seen together.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
-        points = [[list(body_parts).index(p) for p in point] for point in TRUNK if set(point) <= set(body_parts)]
+        points = [[list(body_parts).index(p) for p in point] for point in TRUNK_POINTS if set(point) <= set(body_parts)]
         self._ends = np.array([[p[0] for p in points], [p[-1] for p in points]], np.int64)
         self._parts = len(body_parts)
         self._recent = max(round(STEADY_S * rate_hz), 1)

@@ -11,7 +11,7 @@ from observer.tracks import Floats
 TORSO_SHARE = 0.45
 """With a hanging arm, head and hand are about as far apart as head and hip plus a hand; 0.45 of it is about a torso."""
 _SIDES = ("left", "right")
-LENGTHS = {
+TORSO_LENGTHS = {
     **{("head", f"{side}_hand"): TORSO_SHARE for side in _SIDES},
     **{("head", f"{side}_foot"): 0.26 for side in _SIDES},
     **{("head", f"{side}_hip"): 0.61 for side in _SIDES},
@@ -30,14 +30,14 @@ FRAMES = 5
 class BodyReach:
     """How large the body looks: distances of its parts, each as a multiple of what it is for a torso of length 1.
 
-    Parts without a pair in LENGTHS: the largest distance of any two, times TORSO_SHARE.
+    Parts without a pair in TORSO_LENGTHS: the largest distance of any two, times TORSO_SHARE.
     """
 
     def __init__(self, body_parts: Sequence[str]) -> None:
         if len(body_parts) < 2:
             raise BadInput(f"body_parts = {list(body_parts)}: the body's size needs at least two parts; add head")
         row = {part: n for n, part in enumerate(body_parts)}
-        pairs = [(row[a], row[b], share) for (a, b), share in LENGTHS.items() if a in row and b in row]
+        pairs = [(row[a], row[b], share) for (a, b), share in TORSO_LENGTHS.items() if a in row and b in row]
         pairs = pairs or [(a, b, TORSO_SHARE) for b in range(len(row)) for a in range(b)]
         self._ends = np.array([[pair[0] for pair in pairs], [pair[1] for pair in pairs]])
         self._shares = np.array([pair[2] for pair in pairs])

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from observer.tracks import Tracker
 
 log = logging.getLogger("labanmesh.observer")
-WAY_OUT = "try smaller pictures (size_px), a lower rate_hz, a lighter tracker or another machine"
+LIGHTEN = "try smaller pictures (size_px), a lower rate_hz, a lighter tracker or another machine"
 """For an observer that is too slow for its source."""
 
 
@@ -129,14 +129,14 @@ def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "
     from observer.runtime.service import MeteredObserver
 
     if inputs.keeps_all or not inputs.pictures:
-        return MeteredObserver(observer, LoadMeter("frames", WAY_OUT))
+        return MeteredObserver(observer, LoadMeter("frames", LIGHTEN))
     # Imported on use: it needs OpenCV.
     from observer.runtime.paced_observer import Heartbeats, PacedObserver
     from observer.runtime.pacing import PaceLimits, TrackingPace
 
     section = scene.observer(observer_id)
     pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
-    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures", WAY_OUT))
+    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures", LIGHTEN))
 
 
 def _preview_in(scene: "Scene", observer: str) -> str:

@@ -112,7 +112,7 @@ HANDS_FEATURES = 2
 """At the end: from the right hand to the left one, right and up."""
 REFERENCE_HZ = 15.0
 """Speeds are per 1/15 s, whatever the frame rate: the constants below were chosen at 15 Hz."""
-SLOW = 0.1
+SLOW_DIRECTION = 0.1
 """Below this speed (body sizes per 1/15 s) the direction fades out, so that tracker noise has none."""
 
 
@@ -176,10 +176,10 @@ UP = np.array([1.0, -1.0])
 
 
 def soft_direction(velocity: Floats, max_speed: float) -> Floats:
-    """(P, 2) velocities -> (P, 3): direction v/max(|v|, SLOW) * max_speed, and speed min(|v|, max_speed)."""
+    """(P, 2) velocities -> (P, 3): direction v/max(|v|, SLOW_DIRECTION) * max_speed, and speed min(|v|, max_speed)."""
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     soft = np.empty((len(velocity), 3))
-    soft[:, :2] = velocity * (max_speed / np.maximum(speed, SLOW))[:, None]
+    soft[:, :2] = velocity * (max_speed / np.maximum(speed, SLOW_DIRECTION))[:, None]
     soft[:, 2] = np.minimum(speed, max_speed)
     return soft
 

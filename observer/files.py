@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import replace_file
 
-WAY_OUT = "Choose another path with -o"
+OTHER_PATH = "Choose another path with -o"
 SHARED, PRIVATE = 0o666, 0o600
 """Modes of files, less the umask: those that somebody asks for by name, and those that hold people's motion unasked."""
 UNPACKED_BYTES, UNPACKED_TIMES = 64 * 2**20, 100
 """What a file of arrays may unpack to, beyond so many times its own size: motion packs ten times, at most."""
 
 
-def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT, mode: int = SHARED) -> None:
+def write_file(path: Path, content: bytes | memoryview, way_out: str = OTHER_PATH, mode: int = SHARED) -> None:
     """Write `content` to `path`; an existing regular file is replaced only when the new one is complete.
 
     way_out: the last sentence of an error. mode: of the file, whatever that of an existing one is. Raises BadInput if

@@ -11,16 +11,16 @@ from collections.abc import Sequence
 
 from common import SECOND_NS
 from observer.body import SHRINK_STILL_S
-from observer.body_reach import LENGTHS, BodyReach
+from observer.body_reach import TORSO_LENGTHS, BodyReach
 from observer.tracks import Floats
 
-THIGH, SHIN = 1 / LENGTHS["left_hip", "left_knee"], 1 / LENGTHS["left_knee", "left_foot"]
+THIGH, SHIN = 1 / TORSO_LENGTHS["left_hip", "left_knee"], 1 / TORSO_LENGTHS["left_knee", "left_foot"]
 """Torso lengths."""
 LEG = THIGH + SHIN
-HEAD = LENGTHS["head", "pelvis"]
-UPRIGHT = math.cos(math.radians(30))
+HEAD_TO_PELVIS = TORSO_LENGTHS["head", "pelvis"]
+UPRIGHT_COSINE = math.cos(math.radians(30))
 """Of a torso that leans by less than 30 degrees the length is measured."""
-STEEP = math.cos(math.radians(50))
+STEEP_COSINE = math.cos(math.radians(50))
 """A torso that leans by 50 degrees is as likely of somebody who lies as of somebody who does not."""
 LOW = LEG / 2
 """The same for hips at half of their height."""
@@ -28,9 +28,9 @@ ASIDE, FLAT = 1.5, 1.0
 """A body that lies has the head far aside of the feet or, seen along the body, hardly above them. Somebody who crouches
 or kneels with the torso leaning by 60 degrees has it at most 1.3 aside and at least 1.3 above; people on the floor of a
 room, seen from the side, have it at least 1.7 aside (docs/results/falls.md)."""
-NEAR = 1.25
+LONG_LEG = 1.25
 """A leg that is so much longer than the torso's length says is that of somebody who leans towards the camera."""
-SPREAD = 0.1
+BORDER_WIDTH = 0.1
 """Torso lengths by which the points of trackers are wrong: the width of these borders."""
 SMOOTH_S = 0.15
 """Time constant of the evidence, so that one false frame is none."""
@@ -80,15 +80,15 @@ class LyingReader:
             self._size, self._p = math.nan, math.nan
             self._reach.forget()
         head = math.nan if self._head is None else rows[self._head][1]
-        rise = hips - shoulders if math.isnan(head) else max(hips - shoulders, (hips - head) * HEAD)
+        rise = hips - shoulders if math.isnan(head) else max(hips - shoulders, (hips - head) * HEAD_TO_PELVIS)
         foot, knee = below[0] - hips, below[1] - hips
         # Of a leg of which only the knee is seen, the shin is taken to go on like the thigh.
         leg = knee * LEG / THIGH if math.isnan(foot) else foot if math.isnan(knee) else max(foot, knee)
         size = self._update_size(self._reach.update(centres), rise, leg, passed_s)
         if not size > 0:
             return None
-        margin = min(STEEP - rise / size, LOW - leg / size, self._stretched_or_flat(rows, size))
-        p = _sigmoid(margin / SPREAD)
+        margin = min(STEEP_COSINE - rise / size, LOW - leg / size, self._stretched_or_flat(rows, size))
+        p = _sigmoid(margin / BORDER_WIDTH)
         self._p = p if is_new else self._p + (p - self._p) * (1 - math.exp(-passed_s / SMOOTH_S))
         return self._p
 
@@ -111,7 +111,7 @@ class LyingReader:
         """
         if math.isnan(self._size) or reach > self._size:
             self._size = reach
-        elif rise > UPRIGHT * reach and leg < NEAR * LEG * reach:
+        elif rise > UPRIGHT_COSINE * reach and leg < LONG_LEG * LEG * reach:
             self._size += (reach - self._size) * (1 - math.exp(-passed_s / SHRINK_STILL_S))
         return self._size
 

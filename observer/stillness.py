@@ -16,14 +16,14 @@ CARRIED_PARTS = 3
 """Fewest parts whose median motion sideways is that of the whole body."""
 TREMBLES = 2.5
 """Standard deviations of the tracker's noise that are half still."""
-STEEP = 4
+STEEPNESS = 4
 TREMBLING_S, EVERY_S = 5.0, 0.3
 """How far back a tracker's trembling is measured, and how often."""
-QUIET = 0.2
+QUIET_SHARE = 0.2
 """The noise is that of the quietest fifth of these frames: in the others the person moves."""
-OF_JERKS = math.sqrt(6) * math.sqrt(-2 * math.log(1 - QUIET))
-"""The QUIET quantile of the length of the second difference of 2-D white noise with standard deviation 1: the second
-difference has sqrt(1 + 4 + 1) times the deviation, and a length is Rayleigh distributed."""
+OF_JERKS = math.sqrt(6) * math.sqrt(-2 * math.log(1 - QUIET_SHARE))
+"""The QUIET_SHARE quantile of the length of the second difference of 2-D white noise with standard deviation 1: that
+has sqrt(1 + 4 + 1) times the deviation, and a length is Rayleigh distributed."""
 JERK = np.array([1.0, -2.0, 1.0])
 USUAL_NOISE, MOST_NOISE, USUAL_FRAMES = 0.03, 0.08, 10.0
 """Body sizes: noise before any frame, its weight in frames, and the most noise. Kinect's hands tremble 1 to 3 cm."""
@@ -68,7 +68,7 @@ class Stillness:
         speeds = self._speeds()
         limits = np.hypot(SLOW_PER_S * size, TREMBLES * self._noise_of(size) * math.sqrt(2 / self._half) / self._half_s)
         ratio = float(np.fmax.reduce(speeds / limits))
-        self.probability = 0.5 if math.isnan(ratio) else 1 / (1 + ratio**STEEP)
+        self.probability = 0.5 if math.isnan(ratio) else 1 / (1 + ratio**STEEPNESS)
         return self.probability
 
     def _speeds(self) -> Floats:
@@ -94,7 +94,7 @@ class Stillness:
         """By the jerks of each part (P,): the standard deviation of its coordinates, as far as it is known."""
         jerks = np.sort(self._jerks, axis=1)
         counts = np.isfinite(jerks).sum(axis=1)
-        quiet = jerks[np.arange(self._parts), (QUIET * counts).astype(int)] / OF_JERKS
+        quiet = jerks[np.arange(self._parts), (QUIET_SHARE * counts).astype(int)] / OF_JERKS
         weights = counts / (counts + USUAL_FRAMES)
         self._measured, self._usual = np.where(counts > 0, weights * quiet, 0.0), (1 - weights) * USUAL_NOISE
 

@@ -12,7 +12,7 @@ from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
 from observer.motion.importers.msr_action3d import LABELS
-from observer.stillness import OF_JERKS, QUIET
+from observer.stillness import OF_JERKS, QUIET_SHARE
 from observer.tracks import BODY_PARTS
 from studies.room import NOISE_M, RoomEvent, before_trial
 
@@ -188,7 +188,7 @@ def _trembling(positions: NDArray[np.float32]) -> float:
         return IDLE_NOISE_M
     jerks = np.linalg.norm(np.diff(positions, n=2, axis=0), axis=2)
     known = jerks[np.isfinite(jerks)]
-    return float(np.quantile(known, QUIET)) / OF_JERKS if len(known) else 0.0
+    return float(np.quantile(known, QUIET_SHARE)) / OF_JERKS if len(known) else 0.0
 
 
 def unlearned_and_background(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.body import TRUNK
+from observer.body import TRUNK_POINTS
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.projected import view_tracks
@@ -70,7 +70,7 @@ def anchor_rows(body_parts: tuple[str, ...]) -> list[int]:
 
     All rows where no point of the trunk was recorded.
     """
-    point = next((point for point in TRUNK if set(point) <= set(body_parts)), body_parts)
+    point = next((point for point in TRUNK_POINTS if set(point) <= set(body_parts)), body_parts)
     return [body_parts.index(part) for part in point]
 
 

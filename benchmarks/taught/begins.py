@@ -27,7 +27,7 @@ from observer.motion.importers.florence3d import RATE_HZ as FILM_HZ
 from observer.motion.importers.florence3d import import_folder as import_florence3d
 from observer.motion.importers.msr_action3d import import_folder as import_msr
 from observer.motion.projected import view_tracks
-from observer.recording.own_tracks import RATE_HZ, watched_parts
+from observer.recording.own_tracks import RECORDING_HZ, watched_parts
 from observer.teaching.clap import ClapWatch
 from observer.teaching.take_watch import StillnessStream
 from observer.tracks import BODY_PARTS, Floats, Tracks
@@ -70,7 +70,7 @@ def watched(centres: Floats, rate_hz: float, body_parts: Sequence[str]) -> Begin
     """Look at (F, P, 2) tracks as an observer does in a lesson."""
     parts = watched_parts(body_parts)
     rows = [list(body_parts).index(part) for part in parts]
-    stream, claps = StillnessStream(parts, RATE_HZ), ClapWatch(body_parts)
+    stream, claps = StillnessStream(parts, RECORDING_HZ), ClapWatch(body_parts)
     still, clapped = [], []
     for n, places in enumerate(centres):
         at_ns = round((1 + n / rate_hz) * SECOND_NS)

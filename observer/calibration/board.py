@@ -17,7 +17,9 @@ from observer.camera.capture import silence_opencv
 from observer.camera.files import read_picture
 from observer.geometry.projection import Floats
 
-KNOWN = "chessboard:COLUMNSxROWS:METRES (corners inside the board, e.g. chessboard:4x7:0.06) or a ChArUco file (.toml)"
+BOARD_FORMS = (
+    "chessboard:COLUMNSxROWS:METRES (corners inside the board, e.g. chessboard:4x7:0.06) or a ChArUco file (.toml)"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ def parse_chessboard(text: str) -> Chessboard:
     try:
         columns, rows, square = int(match[1]), int(match[2]), float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
-        raise BadInput(f"--board {text!r}: not a board; known: {KNOWN}") from None
+        raise BadInput(f"--board {text!r}: not a board; known: {BOARD_FORMS}") from None
     if min(columns, rows) < 3 or max(columns, rows) > MOST_CORNERS:
         wanted = f"at least 3x3 are needed, and at most {MOST_CORNERS}x{MOST_CORNERS} known"
         raise BadInput(f"--board {text[:40]!r}: {str(columns)[:9]}x{str(rows)[:9]} inner corners; {wanted}")
@@ -119,13 +121,13 @@ def read_board(text: str) -> Board:
     try:
         keys = _BoardFileKeys.model_validate(read_toml(path))
     except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror}; known boards: {KNOWN}") from None
+        raise BadInput(f"cannot read {path}: {error.strerror}; known boards: {BOARD_FORMS}") from None
     except ValidationError as error:
         first = error.errors()[0]
         key, names = ".".join(map(str, first["loc"])), ", ".join(_BoardFileKeys.model_fields)
         raise BadInput(f"{path}: {key}: {first['msg']}; the keys of a ChArUco file: {names}") from None
     except ValueError as error:
-        raise BadInput(f"{path}: not a TOML file: {error}; known boards: {KNOWN}") from None
+        raise BadInput(f"{path}: not a TOML file: {error}; known boards: {BOARD_FORMS}") from None
     square = _square_cm(path, keys) / 100
     marker = square * keys.aruco_scale
     return Charuco(keys.columns, keys.rows, square, marker, keys.dictionary, keys.inverted, keys.legacy_pattern)
@@ -143,19 +145,19 @@ def _square_cm(path: Path, keys: _BoardFileKeys) -> float:
 
 Picture = NDArray[np.uint8]
 
-PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]:
     """Number from 0, label and (H, W, 3) BGR of each `every`-th picture; raises BadInput for an unreadable source."""
     if source.is_dir():
-        files = sorted(file for file in source.iterdir() if file.suffix.lower() in PICTURES)
+        files = sorted(file for file in source.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES)
         if not files:
-            raise BadInput(f"{source}: no pictures in this folder ({', '.join(PICTURES)})")
+            raise BadInput(f"{source}: no pictures in this folder ({', '.join(PICTURE_SUFFIXES)})")
         yield from ((n, file.name, read_picture(file)) for n, file in enumerate(files) if n % every == 0)
     elif not source.exists():
         raise BadInput(f"{source}: no such file; give a video, a picture or a folder of pictures for each camera")
-    elif source.suffix.lower() in PICTURES:
+    elif source.suffix.lower() in PICTURE_SUFFIXES:
         yield 0, source.name, read_picture(source)
     else:
         yield from _video(source, every)
@@ -163,7 +165,7 @@ def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]
 
 def is_video(source: Path) -> bool:
     """Whether the source is a video, whose pictures follow each other closely."""
-    return not source.is_dir() and source.suffix.lower() not in PICTURES
+    return not source.is_dir() and source.suffix.lower() not in PICTURE_SUFFIXES
 
 
 def _video(path: Path, every: int) -> Iterator[tuple[int, str, Picture]]:

@@ -109,7 +109,7 @@ def _rms(residuals: Floats) -> float:
     return float(np.sqrt(np.mean((residuals**2).sum(axis=-1))))
 
 
-COLUMNS = ("x", "y", "z", "u", "v")
+POINT_COLUMNS = ("x", "y", "z", "u", "v")
 
 FEWEST_WITH_LENS = 6
 """Three points determine a pose up to four solutions; six leave some to average over."""
@@ -120,8 +120,8 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             table = csv.DictReader(file)
-            if table.fieldnames is None or not set(COLUMNS) <= {name.strip() for name in table.fieldnames}:
-                raise BadInput(f"{path}: its first line must name the columns {','.join(COLUMNS)}")
+            if table.fieldnames is None or not set(POINT_COLUMNS) <= {name.strip() for name in table.fieldnames}:
+                raise BadInput(f"{path}: its first line must name the columns {','.join(POINT_COLUMNS)}")
             rows = [_row(path, table.line_num, row) for row in table]
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}; a CSV file x,y,z,u,v is expected") from None
@@ -184,7 +184,7 @@ def decomposed(matrix: Floats) -> tuple[Floats, Floats, Floats]:
 def _row(path: Path, line: int, row: dict[str | None, str | None]) -> list[float]:
     cells = {(key or "").strip(): value for key, value in row.items()}
     try:
-        return [float(cells[column] or "") for column in COLUMNS]
+        return [float(cells[column] or "") for column in POINT_COLUMNS]
     except (TypeError, ValueError):
         raise BadInput(
             f"{path}: line {line}: five numbers x,y,z,u,v are needed; omit points that were not seen"

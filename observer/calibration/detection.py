@@ -11,7 +11,7 @@ from common.errors import BadInput
 from observer.calibration.board import Board, Charuco, Chessboard, Picture
 from observer.geometry.projection import Floats
 
-FEWEST = 6
+FEWEST_CORNERS = 6
 """Fewest corners that determine a pose well; a picture with fewer counts as one without a board."""
 
 Gray = NDArray[np.uint8]
@@ -65,7 +65,7 @@ def find_boards(
                 f"{name}: {label} is {width}x{height}, the first {size[0]}x{size[1]}; all pictures need one size"
             )
         corners = detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False))
-        if corners is not None and len(corners[0]) >= FEWEST and not _collinear(board.points[corners[0]]):
+        if corners is not None and len(corners[0]) >= FEWEST_CORNERS and not _collinear(board.points[corners[0]]):
             boards.append(BoardDetection(number, label, *corners))
         count += 1
     if size is None:

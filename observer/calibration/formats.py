@@ -15,7 +15,7 @@ from observer.calibration.calibrated import CalibratedCamera, rotation
 from observer.files import write_file
 from observer.geometry.projection import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, Floats
 
-NEEDED = "matrix, rotation, translation"
+NEEDED_KEYS = "matrix, rotation, translation"
 
 
 def read_opencv(path: Path) -> list[CalibratedCamera]:
@@ -43,7 +43,7 @@ def read_opencv(path: Path) -> list[CalibratedCamera]:
         if isinstance(table, dict) and name != "metadata" and not table.get("ignore")
     ]
     if not cameras:
-        raise BadInput(f"{path}: no camera in it; one table per camera is expected, with {NEEDED}")
+        raise BadInput(f"{path}: no camera in it; one table per camera is expected, with {NEEDED_KEYS}")
     return cameras
 
 
@@ -54,9 +54,9 @@ def write_opencv(path: Path, cameras: list[CalibratedCamera]) -> None:
 
 
 def _opencv_camera(where: str, name: str, table: dict[str, Any], file: str) -> CalibratedCamera:
-    missing = [key for key in NEEDED.split(", ") if key not in table]
+    missing = [key for key in NEEDED_KEYS.split(", ") if key not in table]
     if missing:
-        raise BadInput(f"{where}.{missing[0]}: missing; a camera has {NEEDED}, and often distortions, size")
+        raise BadInput(f"{where}.{missing[0]}: missing; a camera has {NEEDED_KEYS}, and often distortions, size")
     if table.get("fisheye"):
         raise BadInput(f"{where}.fisheye = true: fisheye lenses are not supported; calibrate again without")
     K = _numbers(f"{where}.matrix", table["matrix"], (3, 3))

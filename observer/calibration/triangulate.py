@@ -12,7 +12,7 @@ from observer.geometry.projection import Floats, oriented, project
 
 GATE_PX = 20.0
 """Gate for the reprojection error of a camera: twice the error of trackers in pictures 1000 to 2000 px high."""
-STEPS = 10
+MOST_GAUSS_NEWTON_STEPS = 10
 """Most Gauss-Newton steps; three are usual from the linear solution."""
 
 
@@ -124,7 +124,7 @@ def _refined(points: Floats, Hs: Floats, pixels: Floats, used: NDArray[np.bool_]
     """(M, 3) the points after Gauss-Newton steps on the reprojection error, each while its steps lower it."""
     points, cost = points.copy(), _cost(points, Hs, pixels, used)
     active = np.arange(len(points))
-    for _ in range(STEPS):
+    for _ in range(MOST_GAUSS_NEWTON_STEPS):
         moved = points[active] + _step(points[active], Hs, pixels[active], used[active])
         moved_cost = _cost(moved, Hs, pixels[active], used[active])
         lower = moved_cost < cost[active]

@@ -18,7 +18,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import silence_opencv
-from observer.files import WAY_OUT, write_file
+from observer.files import OTHER_PATH, write_file
 from observer.motion.playback import FramePlayer, Start, begin_ns
 from observer.tracks import Frame
 
@@ -153,7 +153,7 @@ def read_picture(file: Path) -> Picture:
     return cast("Picture", picture)
 
 
-def write_picture(path: Path, picture: Picture, way_out: str = WAY_OUT) -> None:
+def write_picture(path: Path, picture: Picture, way_out: str = OTHER_PATH) -> None:
     """Write in the format of the suffix, atomically; raises LabanmeshError when the file cannot be written."""
     write_file(path, cv2.imencode(path.suffix, picture)[1].tobytes(), way_out)
 

@@ -9,24 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.effort.features import NAMES
-from observer.effort.model import EVIDENCE, FACTORS, EffortModel
+from observer.effort.features import FEATURE_NAMES
+from observer.effort.model import FACTOR_FEATURES, FACTORS, EffortModel
 from observer.files import read_arrays, write_arrays
 
-FORMAT = 1
-WAY_OUT = "make one with labanmesh learn ... --effort"
+EFFORT_FORMAT = 1
+LEARN_EFFORT = "make one with labanmesh learn ... --effort"
 
 
 def write_effort(path: Path, model: EffortModel) -> None:
     """Write the model, completely or not at all; raises BadInput or LabanmeshError as `write_arrays` does."""
     header = {
-        "format": FORMAT,
+        "format": EFFORT_FORMAT,
         "kind": "effort",
         "view": model.view,
         "rate_hz": model.rate_hz,
         "body_parts": list(model.body_parts),
-        "features": list(NAMES),
-        "evidence": {factor: list(names) for factor, names in EVIDENCE.items()},
+        "features": list(FEATURE_NAMES),
+        "evidence": {factor: list(names) for factor, names in FACTOR_FEATURES.items()},
         "provenance": dict(model.provenance),
     }
     arrays: dict[str, NDArray[Any]] = {
@@ -45,15 +45,17 @@ def read_effort(path: Path) -> EffortModel:
     try:
         arrays = read_arrays(path)
     except FileNotFoundError:
-        raise BadInput(f"{path}: no such Effort model; {WAY_OUT}") from None
+        raise BadInput(f"{path}: no such Effort model; {LEARN_EFFORT}") from None
     except ValueError as error:
-        raise BadInput(f"{path}: not an Effort model ({error}); {WAY_OUT}") from None
+        raise BadInput(f"{path}: not an Effort model ({error}); {LEARN_EFFORT}") from None
     try:
         header = json.loads(str(arrays["header"]))
         if header["kind"] != "effort":
-            raise BadInput(f"{path}: a model of kind {header['kind']!r}, an Effort model is expected; {WAY_OUT}")
-        if header["format"] != FORMAT or _evidence(header) != _evidence({"features": NAMES, "evidence": EVIDENCE}):
-            raise BadInput(f"{path}: learned by another version (format, features); {WAY_OUT}")
+            raise BadInput(f"{path}: a model of kind {header['kind']!r}, an Effort model is expected; {LEARN_EFFORT}")
+        if header["format"] != EFFORT_FORMAT or _evidence(header) != _evidence(
+            {"features": FEATURE_NAMES, "evidence": FACTOR_FEATURES}
+        ):
+            raise BadInput(f"{path}: learned by another version (format, features); {LEARN_EFFORT}")
         return _checked(
             EffortModel(
                 view=str(header["view"]),
@@ -70,7 +72,7 @@ def read_effort(path: Path) -> EffortModel:
         )
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInput(f"{path}: damaged Effort model ({reason}); {WAY_OUT}") from None
+        raise BadInput(f"{path}: damaged Effort model ({reason}); {LEARN_EFFORT}") from None
 
 
 def _evidence(header: object) -> str:
@@ -81,11 +83,11 @@ def _evidence(header: object) -> str:
 def _checked(model: EffortModel) -> EffortModel:
     if not 0 < model.rate_hz < math.inf:
         raise ValueError(f"rate_hz is {model.rate_hz:g}, a positive, finite rate is expected")
-    n, d = len(model.levels), len(NAMES)
+    n, d = len(model.levels), len(FEATURE_NAMES)
     shapes: dict[str, tuple[NDArray[Any], tuple[int, ...]]] = {"mean": (model.mean, (d,))}
     shapes |= {"deviation": (model.deviation, (d,)), "examples": (model.examples, (n, d))}
     shapes |= {"levels": (model.levels, (n, len(FACTORS))), "temper": (model.temper, (len(FACTORS),))}
-    shapes |= {f"spread_{f}": (model.spreads[f], (len(EVIDENCE[f]),) * 2) for f in FACTORS}
+    shapes |= {f"spread_{f}": (model.spreads[f], (len(FACTOR_FEATURES[f]),) * 2) for f in FACTORS}
     for name, (array, shape) in shapes.items():
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} is {array.shape}, {shape} of finite numbers is expected")

@@ -17,17 +17,17 @@ from observer.tracks import Floats
 
 DEGREE = 3
 """The lowest degree that has a third derivative."""
-WINDOW_S = 0.23
+STROKE_WINDOW_S = 0.23
 """Seven frames at 30 Hz: shorter than a stroke of a hand, longer than the jitter of a tracker."""
 SHORTEST_WINDOW = 5
 """Frames: a polynomial of DEGREE needs 4, and a middle."""
-LONGEST_S = 20.0
+LONGEST_MEASURED_S = 20.0
 """Of a longer movement only the newest part is kept, so that neither memory nor time grows."""
 
 
 def window_frames(rate_hz: float) -> int:
-    """The odd number of frames in WINDOW_S at this rate, at least SHORTEST_WINDOW."""
-    return max(2 * round((WINDOW_S * rate_hz - 1) / 2) + 1, SHORTEST_WINDOW)
+    """The odd number of frames in STROKE_WINDOW_S at this rate, at least SHORTEST_WINDOW."""
+    return max(2 * round((STROKE_WINDOW_S * rate_hz - 1) / 2) + 1, SHORTEST_WINDOW)
 
 
 @lru_cache(maxsize=16)
@@ -52,7 +52,7 @@ class Course:
         self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
         self._width = window_frames(rate_hz)
         self._filter = coefficients(self._width, rate_hz)[1:]
-        self._capacity = max(round(LONGEST_S * rate_hz), 4 * self._width)
+        self._capacity = max(round(LONGEST_MEASURED_S * rate_hz), 4 * self._width)
         self._places = np.empty((self._capacity, len(body_parts), 2))
         self._moves = np.empty((self._capacity, 3, len(body_parts), 2))
         self._body = BodySize()
@@ -114,24 +114,24 @@ LEAN = (
 )
 OTHER_HAND = ("other_right", "other_up", "other_share")
 WANDER = ("head_turning", "head_quiet_speed", "head_while_hand_quiet", "head_at_last", "head_quiet_jerk")
-NAMES = tuple(dict.fromkeys((*TEMPO, *LEAN, *OTHER_HAND, *WANDER)))
+FEATURE_NAMES = tuple(dict.fromkeys((*TEMPO, *LEAN, *OTHER_HAND, *WANDER)))
 
-LEAST = 1e-3
+LEAST_MOTION = 1e-3
 """Body sizes per s (s², s³): counts as no motion; below it a logarithm would measure rounding."""
-LITTLE = 0.01
+LEAST_RATIO = 0.01
 """The same for a ratio of two motions, either of which may be zero."""
-NEAR = 0.02
+SMALL_LEAN = 0.02
 """Share of a body size: smaller leans count linearly, larger ones by their logarithm."""
 BEND_S, BEND_LONG_S = 8 / 30, 0.5
 """Path and net displacement are compared over this time: within one stroke, and within two."""
-QUIET = 0.25
+QUIET_PART = 0.25
 """Quantile of a motion that stands for its quiet part."""
 FEWEST_FRAMES = 3
 """With derivatives at fewer instants there are no features."""
 
 
 def features(course: Course) -> Floats:
-    """The features of NAMES, in their order; NaN where a part was not seen enough. All NaN without head and hands."""
+    """FEATURE_NAMES, in their order; NaN where a part was not seen enough. All NaN without head and hands."""
     values: dict[str, float] = {}
     moves, places = course.moves, course.places
     if len(moves) >= FEWEST_FRAMES and np.isfinite(course.size):
@@ -146,7 +146,7 @@ def features(course: Course) -> Floats:
         values["head_at_last"] = _at_last(places[:, head, 0], course.rate_hz)
         values |= _lean(places[:, head])
         values |= _other_hand(places[:, other] - places[:, head], mean[other], mean[active])
-    return np.array([values.get(name, np.nan) for name in NAMES])
+    return np.array([values.get(name, np.nan) for name in FEATURE_NAMES])
 
 
 def _tempo_and_wander(head: Floats, hand_lengths: Floats, head_lengths: Floats) -> Mapping[str, float]:
@@ -156,22 +156,24 @@ def _tempo_and_wander(head: Floats, hand_lengths: Floats, head_lengths: Floats) 
     """
     velocity, acceleration = head[:, 0], head[:, 1]
     across = np.abs(velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0])
-    columns = np.column_stack([hand_lengths, head_lengths[:, ::2], across / (head_lengths[:, 0] ** 3 + LITTLE)])
-    slow, acceleration_, jerk, head_speed, head_jerk, turning = _quantiles(columns, (0.3, 0.5, 0.5, QUIET, QUIET, 0.5))
+    columns = np.column_stack([hand_lengths, head_lengths[:, ::2], across / (head_lengths[:, 0] ** 3 + LEAST_RATIO)])
+    slow, acceleration_, jerk, head_speed, head_jerk, turning = _quantiles(
+        columns, (0.3, 0.5, 0.5, QUIET_PART, QUIET_PART, 0.5)
+    )
     aside = np.abs(velocity[hand_lengths[:, 0] <= slow, 0])
     return {
-        "acceleration": _log(acceleration_, LEAST),
-        "jerk": _log(jerk, LEAST),
-        "head_turning": _log(turning, LEAST),
-        "head_quiet_speed": _log(head_speed, LEAST),
-        "head_quiet_jerk": _log(head_jerk, LEAST),
-        "head_while_hand_quiet": _log(_mean(aside), 2 * LEAST) - _log(_mean(hand_lengths[:, 0]), LITTLE),
+        "acceleration": _log(acceleration_, LEAST_MOTION),
+        "jerk": _log(jerk, LEAST_MOTION),
+        "head_turning": _log(turning, LEAST_MOTION),
+        "head_quiet_speed": _log(head_speed, LEAST_MOTION),
+        "head_quiet_jerk": _log(head_jerk, LEAST_MOTION),
+        "head_while_hand_quiet": _log(_mean(aside), 2 * LEAST_MOTION) - _log(_mean(hand_lengths[:, 0]), LEAST_RATIO),
     }
 
 
 def _at_last(right: Floats, rate_hz: float) -> float:
     """(T,) -> ln of the head's mean speed aside in the last fifth."""
-    return _log(_mean(np.abs(np.diff(right[-max(len(right) // 5, 3) :]))) * rate_hz, LEAST)
+    return _log(_mean(np.abs(np.diff(right[-max(len(right) // 5, 3) :]))) * rate_hz, LEAST_MOTION)
 
 
 def _lean(head: Floats) -> Mapping[str, float]:
@@ -188,7 +190,7 @@ def _lean(head: Floats) -> Mapping[str, float]:
     for k, name in enumerate(("first", "second", "third", "fourth")):
         begin = len(moved) * k // 4
         lean = float(moved[begin : max(len(moved) * (k + 1) // 4, begin + 1), 0].mean())
-        values[f"lean_{name}_quarter"] = float(np.sign(lean) * np.log1p(abs(lean) / NEAR))
+        values[f"lean_{name}_quarter"] = float(np.sign(lean) * np.log1p(abs(lean) / SMALL_LEAN))
     return values
 
 
@@ -197,7 +199,7 @@ def _other_hand(against: Floats, other: float, active: float) -> Mapping[str, fl
     return {
         "other_right": _mean(against[:, 0]),
         "other_up": _mean(against[:, 1]),
-        "other_share": _log(other, LITTLE) - _log(active, LITTLE),
+        "other_share": _log(other, LEAST_RATIO) - _log(active, LEAST_RATIO),
     }
 
 
@@ -209,7 +211,7 @@ def _bending(way: Floats, frames: int) -> float:
         return math.nan
     path = np.concatenate([[0.0], np.sqrt((np.diff(way, axis=0) ** 2).sum(axis=1)).cumsum()])
     net = np.sqrt(((way[frames:] - way[:-frames]) ** 2).sum(axis=1)).sum()
-    return _log((path[frames:] - path[:-frames]).sum(), LITTLE) - _log(net, LITTLE)
+    return _log((path[frames:] - path[:-frames]).sum(), LEAST_RATIO) - _log(net, LEAST_RATIO)
 
 
 def _whole(rows: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:

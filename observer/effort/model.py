@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.facets import EFFORT
-from observer.effort.features import LEAN, NAMES, OTHER_HAND, RISE, TEMPO, WANDER, course_of, features
+from observer.effort.features import FEATURE_NAMES, LEAN, OTHER_HAND, RISE, TEMPO, WANDER, course_of, features
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive, common_rate, movements_in
 from observer.motion.projected import view_tracks
@@ -29,7 +29,7 @@ from observer.tracks import BODY_PARTS, Floats
 
 FACTORS = ("space", "weight", "time", "flow")
 """In the order of the levels of a trial; the facet is named effort_ and the factor."""
-EVIDENCE: Mapping[str, tuple[str, ...]] = {
+FACTOR_FEATURES: Mapping[str, tuple[str, ...]] = {
     "space": (*LEAN, *OTHER_HAND, *WANDER),
     "weight": RISE,
     "time": TEMPO,
@@ -38,7 +38,7 @@ EVIDENCE: Mapping[str, tuple[str, ...]] = {
 """The features that are evidence of each factor."""
 NU = 3.0
 """Degrees of freedom of Student's t, so that one outlier does not decide."""
-SHRINK = 0.3
+SHRINKAGE = 0.3
 """Shrinkage of the covariances between features: there are fewer trials than covariances."""
 UNKNOWN_ACTION = 2.0
 """k: distance of an unknown action from the known ones, in variances between these."""
@@ -50,7 +50,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class EffortExample:
-    """One labelled movement. features: (D,) those of NAMES. levels: -1, 0 or 1 for each of FACTORS."""
+    """One labelled movement. features: (D,) those of FEATURE_NAMES. levels: -1, 0 or 1 for each of FACTORS."""
 
     features: Floats
     levels: tuple[int, int, int, int]
@@ -89,7 +89,7 @@ class EffortModel:
         """The examples' `known` features of a factor: missing ones are marginalised."""
         key = (factor, known.tobytes())
         if key not in self._cache:
-            q, columns = FACTORS.index(factor), COLUMNS[factor][known]
+            q, columns = FACTORS.index(factor), FACTOR_COLUMNS[factor][known]
             poles = [np.flatnonzero(self.levels[:, q] == level) for level in (-1, 1)]
             inverse = np.linalg.inv(self.spreads[factor][np.ix_(known, known)])
             both = np.concatenate(poles)
@@ -106,8 +106,8 @@ class PoleExamples:
     inverse: Floats
 
 
-COLUMNS: Mapping[str, NDArray[np.int64]] = {
-    factor: np.array([NAMES.index(name) for name in names]) for factor, names in EVIDENCE.items()
+FACTOR_COLUMNS: Mapping[str, NDArray[np.int64]] = {
+    factor: np.array([FEATURE_NAMES.index(name) for name in names]) for factor, names in FACTOR_FEATURES.items()
 }
 
 
@@ -116,7 +116,7 @@ def log_odds(model: EffortModel, z: Floats, factor: str) -> float:
 
     0 if no feature is known, or if the trials show one pole only.
     """
-    evidence = z[COLUMNS[factor]]
+    evidence = z[FACTOR_COLUMNS[factor]]
     known = np.isfinite(evidence)
     among = model.pole_examples(factor, known)
     if not known.any() or among.low in (0, len(among.examples)):
@@ -137,7 +137,7 @@ def spread(z: Floats, levels: NDArray[np.int64], actions: Sequence[str]) -> Floa
         own[[a == name for a in actions]] -= centre
     between = np.cov(centres.T).reshape(z.shape[1], -1) if len(names) > 1 else np.zeros((z.shape[1],) * 2)
     whole = _among_alike(own, levels) + UNKNOWN_ACTION * between
-    return (1 - SHRINK) * whole + SHRINK * np.diag(np.diag(whole)) + RIDGE * np.eye(z.shape[1])
+    return (1 - SHRINKAGE) * whole + SHRINKAGE * np.diag(np.diag(whole)) + RIDGE * np.eye(z.shape[1])
 
 
 def _among_alike(z: Floats, levels: NDArray[np.int64]) -> Floats:
@@ -151,7 +151,7 @@ def _among_alike(z: Floats, levels: NDArray[np.int64]) -> Floats:
     return np.asarray(left.T @ left / len(left))
 
 
-LEVELS = re.compile(r"(-?[01])_(-?[01])_(-?[01])_(-?[01])(?:\..*)?")
+TRIAL_LEVELS = re.compile(r"(-?[01])_(-?[01])_(-?[01])_(-?[01])(?:\..*)?")
 """Name of a labelled trial: levels of Space, Weight, Time, Flow; anything after a dot."""
 TEMPERS = np.geomspace(0.02, 2.0, 60)
 """Candidate temperatures; a few trials without an error would otherwise make it infinite."""
@@ -159,7 +159,7 @@ TEMPERS = np.geomspace(0.02, 2.0, 60)
 
 def levels_of(trial: str) -> tuple[int, int, int, int] | None:
     """`-1_0_1_1` or `-1_0_1_1.2` -> (-1, 0, 1, 1): Space, Weight, Time, Flow; None for other names."""
-    match = LEVELS.fullmatch(trial)
+    match = TRIAL_LEVELS.fullmatch(trial)
     if not match:
         return None
     space, weight, time, flow = (int(level) for level in match.groups())
@@ -209,7 +209,7 @@ def _untempered(trials: Sequence[EffortExample], view: str, rate_hz: float) -> E
     z = (filled - mean) / deviation
     levels = np.array([trial.levels for trial in trials], dtype=np.int64)
     actions = [trial.action for trial in trials]
-    spreads = {factor: spread(z[:, COLUMNS[factor]], levels, actions) for factor in FACTORS}
+    spreads = {factor: spread(z[:, FACTOR_COLUMNS[factor]], levels, actions) for factor in FACTORS}
     return EffortModel(view, rate_hz, BODY_PARTS, mean, deviation, z, levels, spreads, np.ones(len(FACTORS)))
 
 

@@ -4,10 +4,10 @@ The movement model's watch gives the probability of rest; a movement begins wher
 
 Shape is Laban's spreading or enclosing, rising or sinking, advancing or retreating; formulas after Larboulette and
 Gibet, "A review of computable expressive descriptors of human motion", MOCO 2015. Three points suffice and nothing is
-learned: the rate r of a length over the last half second is measured with a noise of NOISE, and a rate slower than SLOW
+learned: the rate r of a length over the last half second is measured with a noise of NOISE, and a rate below SLOW_PER_S
 is neither. With a flat prior on the true rate (docs/design/effort.md)
 
-    P(grows) = Φ((r - SLOW)/NOISE)    P(shrinks) = Φ((-r - SLOW)/NOISE)    P(neither) = the rest
+    P(grows) = Φ((r - SLOW_PER_S)/NOISE)    P(shrinks) = Φ((-r - SLOW_PER_S)/NOISE)    P(neither) = the rest
 """
 
 import math
@@ -32,9 +32,9 @@ EFFORT_HZ = 5.0
 """Rate at which Effort is updated: its features are of whole seconds, and a fifth of the frames costs a fifth."""
 SHORTEST_S = 0.4
 """A shorter part of a movement tells nothing about its Effort."""
-WINDOW_S = 0.5
+SHAPE_WINDOW_S = 0.5
 """Window of the rates of Shape: about one stroke."""
-SLOW = 0.3
+SLOW_PER_S = 0.3
 """Body sizes per second: a slower change is neither; a hand that is lowered in two seconds is faster."""
 NOISE = 0.15
 """Body sizes per second: apparent rate of a still hand with a jittering tracker."""
@@ -91,7 +91,7 @@ class ShapeReader:
         self._rows = [names.index(part) if part in names else None for part in BODY_PARTS]
         self._names, self._rate_hz, self._depth = tuple(names), rate_hz, depth
         self._size = BodySize()
-        self._window: deque[Floats] = deque(maxlen=max(round(WINDOW_S * rate_hz), FEWEST_INSTANTS))
+        self._window: deque[Floats] = deque(maxlen=max(round(SHAPE_WINDOW_S * rate_hz), FEWEST_INSTANTS))
         self._every, self._count = max(round(rate_hz / SHAPE_HZ), 1), 0
         self._facets: dict[str, Floats] = {}
 
@@ -167,7 +167,7 @@ def _rate(values: Floats, rate_hz: float) -> float:
 
 def three_ways(rate: float) -> Floats:
     """A rate in body sizes a second -> (3,) P(shrinks), P(neither), P(grows), in the order of the facets' values."""
-    shrinks, grows = _normal((-rate - SLOW) / NOISE), _normal((rate - SLOW) / NOISE)
+    shrinks, grows = _normal((-rate - SLOW_PER_S) / NOISE), _normal((rate - SLOW_PER_S) / NOISE)
     return np.array([shrinks, max(1.0 - shrinks - grows, 0.0), grows])
 
 

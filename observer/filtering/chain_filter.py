@@ -18,7 +18,7 @@ FLOOR = -69.0
 """Log of 1e-30: the strongest evidence of a single frame against a state."""
 NEGLIGIBLE = 1e-8
 """Share of all mass: a chain with less is skipped until the person rests again, and less mass enters no chain."""
-LEAST = np.float32(math.exp(FLOOR))
+LEAST_LIKELIHOOD = np.float32(math.exp(FLOOR))
 CROWDED = 0.75
 """Chains are dropped when fewer than this share of the live ones still count: copying the others costs time too."""
 
@@ -193,7 +193,7 @@ class ChainFilter:
         log_after = evidence.after.ravel()
         top = max(log_scale, evidence.rest, log_after.max())
         likelihood *= np.float32(math.exp(max(log_scale - top, FLOOR)))
-        self._active *= np.maximum(likelihood, LEAST, out=likelihood)
+        self._active *= np.maximum(likelihood, LEAST_LIKELIHOOD, out=likelihood)
         self._before *= math.exp(max(evidence.rest - top, FLOOR))
         of_rest = np.exp(np.maximum(log_after - top, FLOOR))
         self._after *= of_rest

@@ -21,9 +21,9 @@ from observer.motion.playback import FrameSkipper
 from observer.tracks import BODY_PARTS, Frame
 
 log = logging.getLogger("labanmesh.observer")
-SILENCE_S = 0.9
+TRACKER_SILENCE_S = 0.9
 """A tracker without lines for this long is lost: it is reported as degraded within a second, as a camera is."""
-TAKE_S = 0.1
+LINE_WAIT_S = 0.1
 WARN_AGAIN_S = 60.0
 """The first rejected line is logged at once, later ones once a minute with their count."""
 
@@ -63,7 +63,7 @@ class LineTracks:
         newest_ns, waiting = self.clock(), deque[tuple[Frame, int]]()
         while not stop.is_set():
             asked_ns = self.clock()
-            lines = [] if len(waiting) >= QUEUE_LINES else take(0.0 if waiting else TAKE_S)
+            lines = [] if len(waiting) >= QUEUE_LINES else take(0.0 if waiting else LINE_WAIT_S)
             if lines is None and not waiting:
                 return
             for line, arrived_ns in lines or ():
@@ -76,8 +76,8 @@ class LineTracks:
                 recorded = asked_ns - frame.captured_ns > RECORDED_S * SECOND_NS
                 if recorded or not self._skipper.skips(arrived_ns, asked_ns, bool(waiting)):
                     yield replace(frame, skipped=self._skipper.count())
-            elif self.clock() - newest_ns > SILENCE_S * SECOND_NS:
-                self._set_fault(f"{self.name}: no tracks for {SILENCE_S:g} s; {self.way_out}")
+            elif self.clock() - newest_ns > TRACKER_SILENCE_S * SECOND_NS:
+                self._set_fault(f"{self.name}: no tracks for {TRACKER_SILENCE_S:g} s; {self.way_out}")
 
     def _parse(self, line: bytes, arrived_ns: int) -> Frame | None:
         if not line.strip():

@@ -9,15 +9,15 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from common.errors import BadInput
 from observer.tracks import Frame, Tracks
 
-LARGEST = 1e12
+LARGEST_COORDINATE = 1e12
 """Of a coordinate, in any unit: the squares of larger ones would overflow float32, and the model would say NaN."""
-Coordinate = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
+Coordinate = Annotated[FiniteFloat, Field(ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
 Position = tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Annotated[FiniteFloat, Field(ge=0, le=1)]]
 MAX_BYTES = 64 * 1024
 """Longest line; trackers with hundreds of key points stay below it."""
 LATEST_NS = 2**63 - 1
 """The last time that a message can carry: the year 2262."""
-SURE = 0.5
+SEEN_CONFIDENCE = 0.5
 """Confidence from which a part counts as seen, as most trackers mean theirs; below it the position is a guess."""
 EXAMPLE = '{"captured_ns": 1700000000000000000, "parts": {"left_hand": [412, 300, 0.9], "right_hand": null}}'
 
@@ -64,7 +64,7 @@ class ForeignTracker:
         self.body_parts = tuple(body_parts)
 
     def update(self, frame: Frame) -> Tracks:
-        """Centres where the confidence is at least SURE, guesses below."""
-        sure = frame.content[:, 2:] >= SURE
+        """Centres where the confidence is at least SEEN_CONFIDENCE, guesses below."""
+        sure = frame.content[:, 2:] >= SEEN_CONFIDENCE
         positions = frame.content[:, :2].astype(np.float64)
         return Tracks(np.where(sure, positions, np.nan), np.where(sure, np.nan, positions))

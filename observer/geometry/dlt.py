@@ -15,7 +15,7 @@ ENOUGH_POINTS = 12
 FLATTEST = 0.02
 """Least thickness of the point set as a share of its length. At this value, 1 px of noise causes 6 px of error on new
 points from 100 points, and 20 px from 12 (measured)."""
-AMBIGUOUS = 3e-3
+LEAST_SINGULAR_SHARE = 3e-3
 """Least second-smallest singular value of the design matrix as a share of the largest; below it, two cameras fit.
 With 1 px of noise, all points but one in a plane give 0.001 to 0.0025; 12 or more points in a box, 0.07 (measured)."""
 
@@ -101,7 +101,7 @@ def _design_vectors(points: Floats, image: Floats) -> Floats:
     rows_u = np.hstack([X, zero, -image[:, :1] * X])
     rows_v = np.hstack([zero, X, -image[:, 1:] * X])
     _, values, vectors = np.linalg.svd(np.vstack([rows_u, rows_v]), full_matrices=False)
-    if values[10] < AMBIGUOUS * values[0]:
+    if values[10] < LEAST_SINGULAR_SHARE * values[0]:
         raise BadInput(f"{len(points)} points that fit more than one camera: spread them through the whole space")
     directions: Floats = vectors
     return directions

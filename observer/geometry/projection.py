@@ -106,13 +106,13 @@ DISTORTION_SIZES = (4, 5, 8, 12, 14)
 """k1 k2 p1 p2; plus k3; plus k4 k5 k6 (rational); plus s1 to s4 (thin prism); plus the tilts of the sensor."""
 DISTORTION_SIZES_TEXT = "4 (k1 k2 p1 p2), 5 (plus k3), 8, 12 or 14 numbers in the order of OpenCV"
 
-STEPS = 20
+MOST_NEWTON_STEPS = 20
 """Most Newton steps; five are usual, more are needed near the fold of the lens."""
 TOLERANCE_PX = 1e-3
 """Largest residual of a solution; a pixel with a larger one is the image of no point, beyond the fold of the lens."""
 CONVERGED = 1e-10
 """Residual at which the steps end, normalised coordinates: far below a pixel."""
-STRIDE = 1e-6
+FINITE_STEP = 1e-6
 """Step of the difference quotients, normalised coordinates: between rounding and the curvature of the lens."""
 
 
@@ -187,16 +187,16 @@ def undistorted(distorted_points: Floats, distortion: Floats, focal_px: float = 
         return distorted_points
     points = distorted_points
     # The point and its four neighbours in one call: an observer does this in every frame.
-    around = STRIDE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]]).reshape(
+    around = FINITE_STEP * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]]).reshape(
         5, *[1] * (distorted_points.ndim - 1), 2
     )
     with np.errstate(all="ignore"):
-        for _ in range(STEPS):
+        for _ in range(MOST_NEWTON_STEPS):
             centre, right, left, down, up = distorted(points + around, distortion)
             residual = centre - distorted_points
             if not (np.abs(residual) > CONVERGED).any():
                 break
-            points = points - _solved((right - left) / (2 * STRIDE), (down - up) / (2 * STRIDE), residual)
+            points = points - _solved((right - left) / (2 * FINITE_STEP), (down - up) / (2 * FINITE_STEP), residual)
         residual_px = (
             np.linalg.norm(distorted(points, distortion) - distorted_points, axis=-1, keepdims=True) * focal_px
         )

@@ -15,7 +15,7 @@ from observer.geometry.projection import Floats, LensDistortion, parallel_matrix
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
-KNOWN = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, a camera file (.toml), or camera"
+KNOWN_VIEWS = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, a camera file (.toml), or camera"
 THIS_CAMERA = "camera"
 """The view of a model that was taught from one camera's own tracks; `camera:NAME` also says which camera."""
 THIS_CAMERA_MATRIX: Floats = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
@@ -151,4 +151,4 @@ def _degrees(view: str, text: str) -> float:
 
 def _hint(text: str) -> str:
     near = difflib.get_close_matches(text.lower(), PRINCIPAL_PLANES_DEG, 1)
-    return f"did you mean {near[0]}?" if near else f"known: {KNOWN}"
+    return f"did you mean {near[0]}?" if near else f"known: {KNOWN_VIEWS}"

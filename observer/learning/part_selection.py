@@ -5,7 +5,7 @@ import numpy as np
 from observer.motion.archive import MotionArchive, Recording, movements_in
 from observer.tracks import Floats
 
-SHOWN = 0.5
+SEEN_SHARE = 0.5
 """A part is learned if it is seen in this share of the frames of each movement's takes."""
 
 
@@ -16,8 +16,8 @@ AUTO = "auto"
 def parts_to_learn(archive: MotionArchive) -> tuple[str, ...]:
     """The parts that a model of these tracks reads, in their order; all parts if fewer than two remain.
 
-    A part that the camera does not see in SHOWN of every movement, such as a foot behind a sofa, is no evidence, and a
-    tracker's guesses of it mislead.
+    A part that the camera does not see in SEEN_SHARE of every movement, such as a foot behind a sofa, is no evidence,
+    and a tracker's guesses of it mislead.
     """
     takes: dict[str, list[Recording]] = {}
     for recording in movements_in(archive):
@@ -25,7 +25,7 @@ def parts_to_learn(archive: MotionArchive) -> tuple[str, ...]:
             takes.setdefault(recording.label, []).append(recording)
     shares = [np.mean([_visible(take).mean(axis=0) for take in shown], axis=0) for shown in takes.values()]
     least = np.min(shares, axis=0) if shares else np.ones(len(archive.body_parts))
-    parts = tuple(part for part, share in zip(archive.body_parts, least, strict=True) if share >= SHOWN)
+    parts = tuple(part for part, share in zip(archive.body_parts, least, strict=True) if share >= SEEN_SHARE)
     return parts if len(parts) > 1 else archive.body_parts
 
 

@@ -17,7 +17,7 @@ from observer.motion.placing import placed
 from observer.motion.projected import view_tracks
 from observer.score.references import ReferenceTake, ReferenceTakes
 
-EVERY = "all"
+ALL_TAKES = "all"
 
 
 def with_references(
@@ -51,7 +51,7 @@ def with_references(
 
 
 def _is_meant(name: str, take: Recording) -> bool:
-    return name in (EVERY, take.trial, take.label, f"{take.label}:{take.trial}")
+    return name in (ALL_TAKES, take.trial, take.label, f"{take.label}:{take.trial}")
 
 
 def _references(

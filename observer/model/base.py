@@ -78,9 +78,8 @@ def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:
 class Example:
     """One movement, cut out of a recording, as the model's view sees it; movement: its index in the vocabulary.
 
-    A negative index is a movement of the background: -1 the first in the header, -2 the second. facing: which of the
-    model's K facings the person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as
-    the model reads them, after `with_features`.
+    A negative index is one of the background: -1 the first in the header. facing: which of the model's K facings the
+    person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as the model reads them.
     """
 
     tracks: Sequence[Tracks]

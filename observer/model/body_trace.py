@@ -16,7 +16,7 @@ FASTEST_PER_S = 40.0
 """Body sizes: a faster part is an error of the tracker, unless it stays there."""
 LONGEST_JUMP = 2
 """Frames for which a jump counts as an error."""
-LONGEST_BRIDGE_S = 0.3
+LONGEST_UNSEEN_S = 0.3
 """A part that was unseen for longer has not moved in between: it may be another person's."""
 
 
@@ -29,7 +29,7 @@ class BodyTrace:
     def __init__(self, body_parts: Sequence[str], rate_hz: float, usual: Floats32 | None = None) -> None:
         self.frame = BodyFrame(body_parts, rate_hz)
         self._limit = FASTEST_PER_S / rate_hz
-        self._bridge = LONGEST_BRIDGE_S * rate_hz
+        self._bridge = LONGEST_UNSEEN_S * rate_hz
         parts = len(body_parts)
         # The last point is the body's anchor.
         self._last: Floats = np.full((parts + 1, 2), np.nan)

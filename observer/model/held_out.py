@@ -17,7 +17,7 @@ from observer.model.posterior_calibration import HeldOutResult
 from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
 from observer.model.training_memory import trace_in
 from observer.model.training_rows import (
-    FRACTIONS,
+    LEARNED_FRACTIONS,
     RECOGNISABLE,
     REST_S,
     another_take,
@@ -88,8 +88,8 @@ def streams_left_out(
 
 
 def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -> Iterator[Watched]:
-    """The instants at FRACTIONS of the movement, and its end; of every second also of what is none after it: by turns a
-    change of posture, and the same motion, but faint.
+    """The instants at LEARNED_FRACTIONS of the movement, and its end; of every second also of what is none
+    after it: by turns a change of posture, and the same motion, but faint.
 
     All instants of a movement of the background, and of what is none, are something else.
     """
@@ -118,8 +118,8 @@ def _watch_tracks(
 ) -> Iterator[Watched]:
     """before: frames of rest before the movement begins."""
     frames = len(tracks) - before
-    stops = {before + max(math.ceil(share * frames), 1): share for share in FRACTIONS}
-    watch, weight = model.watch(Onset(known)), 1 / (len(FRACTIONS) + 1)
+    stops = {before + max(math.ceil(share * frames), 1): share for share in LEARNED_FRACTIONS}
+    watch, weight = model.watch(Onset(known)), 1 / (len(LEARNED_FRACTIONS) + 1)
     for frame, one in enumerate(tracks, 1):
         watch.pass_over(one)
         if frame in stops:

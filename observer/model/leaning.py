@@ -72,12 +72,12 @@ def leans_on_of(header: Header) -> dict[str, dict[str, float]]:
     return {}
 
 
-LEAST_SHARE = 0.1
+LEAST_NATS_SHARE = 0.1
 """A region with less is not named."""
 
 
 def large_shares(header: Header) -> dict[str, dict[str, float]]:
-    """By movement, regions with their shares of its nats, LEAST_SHARE to 1; {} if the model does not know.
+    """By movement, regions with their shares of its nats, LEAST_NATS_SHARE to 1; {} if the model does not know.
 
     With a single region there is nothing to tell.
     """
@@ -89,7 +89,7 @@ def large_shares(header: Header) -> dict[str, dict[str, float]]:
 def _large(row: Mapping[str, float]) -> dict[str, float]:
     total = sum(row.values())
     ordered = sorted(row.items(), key=lambda item: -item[1])
-    return {region: nats / total for region, nats in ordered if nats / total >= LEAST_SHARE} if total > 0 else {}
+    return {region: nats / total for region, nats in ordered if nats / total >= LEAST_NATS_SHARE} if total > 0 else {}
 
 
 def region_shares(header: Header) -> BodyRegionShares | None:

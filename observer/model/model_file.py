@@ -29,8 +29,8 @@ from observer.model.registry import MODELS, find_model
 from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from observer.score.reference_arrays import references_as_arrays, references_from_arrays
 
-FORMAT = 1
-LINE_LIMIT = 400
+MODEL_FORMAT = 1
+REASON_LENGTH = 400
 """Characters of a reason: a file may contain anything."""
 
 
@@ -56,10 +56,12 @@ def read_model(path: Path) -> MovementModel:
         return _model_from(path, arrays)
     except BadInput as error:
         line = str(error)
-        raise BadInput(line[:LINE_LIMIT] if line.startswith(str(path)) else f"{path}: {line}; learn it again") from None
+        raise BadInput(
+            line[:REASON_LENGTH] if line.startswith(str(path)) else f"{path}: {line}; learn it again"
+        ) from None
     except KeyError as error:
         line = f"{path}: of another version of labanmesh, or damaged: it lacks {error}; {_learn_again(path, header)}"
-        raise BadInput(line[:LINE_LIMIT]) from None
+        raise BadInput(line[:REASON_LENGTH]) from None
     except (TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise BadInput(f"{path}: damaged model file ({detail}); learn it again") from None
@@ -80,8 +82,10 @@ def _learn_again(path: Path, header: str) -> str:
 def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     text = str(arrays.pop("header"))
     document = json.loads(text)
-    if document["format"] != FORMAT:
-        raise BadInput(f"{path}: model format {document['format']}, this labanmesh reads {FORMAT}: learn it again")
+    if document["format"] != MODEL_FORMAT:
+        raise BadInput(
+            f"{path}: model format {document['format']}, this labanmesh reads {MODEL_FORMAT}: learn it again"
+        )
     kind, header = find_model(str(document["kind"])), _header_from(document)
     if kind is None:
         known = ", ".join(MODELS)
@@ -153,7 +157,7 @@ def _as_json(header: Header) -> dict[str, Any]:
     placement = {} if person is None else {"placement": {"place": list(person.place), "facing": person.facing_deg}}
     times = {label: own.model_dump(exclude_none=True) for label, own in header.vocabulary.movements.items()}
     return {
-        "format": FORMAT,
+        "format": MODEL_FORMAT,
         "kind": header.kind,
         "vocabulary": {
             "name": header.vocabulary.name,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.body import TRUNK
+from observer.body import TRUNK_POINTS
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
 from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, array_in, with_defaults
@@ -30,7 +30,7 @@ from observer.tracks import Floats, Tracks
 FEWEST_PHASES = 8
 USUAL_PARTS = 3
 """The parts for which `sharpness` was chosen: hands and head."""
-STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
+STEP_SHARES = (0.4, 0.3, 0.15, 0.1, 0.05)
 """P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
 """P(a movement is entered in its first, ... fourth phase)."""
@@ -188,7 +188,7 @@ def parts_read(body_parts: Sequence[str]) -> tuple[str, ...]:
 
     Beside them a shoulder, the neck or a hip shows how a person is built, and that is no movement.
     """
-    trunk = {part for point in TRUNK for part in point if part != "head"}
+    trunk = {part for point in TRUNK_POINTS for part in point if part != "head"}
     limbs = tuple(part for part in body_parts if part not in trunk)
     return limbs if len(limbs) > 1 else tuple(body_parts)
 
@@ -196,14 +196,14 @@ def parts_read(body_parts: Sequence[str]) -> tuple[str, ...]:
 def step_probabilities(share: float) -> Floats:
     """(K,) P(advance by k phases) within `share` fifteenths of a second.
 
-    STEPS convolved with itself once per whole fifteenth; the remainder is one more step with that probability.
+    STEP_SHARES convolved with itself once per whole fifteenth; the remainder is one more step with that probability.
     """
     whole, part = int(share), share - int(share)
     steps = np.ones(1)
     for _ in range(whole):
-        steps = np.convolve(steps, STEPS)
+        steps = np.convolve(steps, STEP_SHARES)
     if part > 0:
-        once = part * np.array(STEPS)
+        once = part * np.array(STEP_SHARES)
         once[0] += 1 - part
         steps = np.convolve(steps, once)
     result: Floats = steps

@@ -14,7 +14,7 @@ from observer.model.base import Arrays, Example
 from observer.model.body_trace import places_and_differences
 from observer.model.logistic import LogisticRegression
 from observer.model.rocket import MiniRocket
-from observer.model.training_rows import FRACTIONS, segment_window
+from observer.model.training_rows import LEARNED_FRACTIONS, segment_window
 from observer.tracks import Floats32, Integers
 
 LENGTH = 60
@@ -82,16 +82,16 @@ class SegmentTable:
     def of(cls, examples: Sequence[Example], traces: Sequence[Floats32], kernels: int, seed: int = 0) -> Self:
         """From the examples and their traces (F, 2 P + 3). seed: of the kernels."""
         own = [n for n, example in enumerate(examples) if example.movement >= 0]
-        cuts = [traces[n][: max(round(f * len(traces[n])), 1)] for n in own for f in FRACTIONS]
+        cuts = [traces[n][: max(round(f * len(traces[n])), 1)] for n in own for f in LEARNED_FRACTIONS]
         windows = np.array([segment_window(cut, LENGTH) for cut in cuts])
         sums = places_and_differences(windows.shape[1] // 2)
-        rocket = MiniRocket.learn(windows[len(FRACTIONS) - 1 :: len(FRACTIONS)], kernels, seed, sums)
+        rocket = MiniRocket.learn(windows[len(LEARNED_FRACTIONS) - 1 :: len(LEARNED_FRACTIONS)], kernels, seed, sums)
         return cls(
             rocket,
             _with_length(rocket.transform(windows), np.array([len(cut) for cut in cuts])),
-            np.repeat([examples[n].movement for n in own], len(FRACTIONS)),
-            np.tile(FRACTIONS, len(own)),
-            np.repeat(own, len(FRACTIONS)),
+            np.repeat([examples[n].movement for n in own], len(LEARNED_FRACTIONS)),
+            np.tile(LEARNED_FRACTIONS, len(own)),
+            np.repeat(own, len(LEARNED_FRACTIONS)),
         )
 
     def learn(

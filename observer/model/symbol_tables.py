@@ -15,7 +15,7 @@ from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in,
 from observer.model.parameters import NOT_NEGATIVE, POSITIVE, Parameter, ParameterRange
 from observer.tracks import Floats, Tracks
 
-SYMBOLS = len(VectorSymbol) - 1
+VECTOR_SYMBOLS = len(VectorSymbol) - 1
 """Those of (1), without NOT_SEEN."""
 
 
@@ -36,7 +36,7 @@ def learn_table(sequences: Sequence[tuple[Symbols, int]], movements: int, bins: 
     NOT_SEEN is not counted; a distribution without counts stays uniform.
     """
     parts = sequences[0][0].shape[1]
-    counts = np.full((movements, bins, parts, SYMBOLS), float(smoothing))
+    counts = np.full((movements, bins, parts, VECTOR_SYMBOLS), float(smoothing))
     for symbols, movement in sequences:
         frame, part = np.nonzero(symbols >= 0)
         np.add.at(counts[movement], (bin_indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
@@ -120,7 +120,7 @@ class FrameTable:
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
         """From log_table (M, I, P, 9) and mean_frames (); raises ValueError if they do not fit the header."""
         mean_frames = float(arrays["mean_frames"])
-        shape = (header.vocabulary.size, int(header.parameters["bins"]), len(header.body_parts), SYMBOLS)
+        shape = (header.vocabulary.size, int(header.parameters["bins"]), len(header.body_parts), VECTOR_SYMBOLS)
         log_table = array_in(arrays, "log_table", shape, np.float64)
         if log_table.max() > ROUND_OFF or log_table.min() < LEAST_LOG:
             raise ValueError(f"log_table holds logarithms of probabilities, {LEAST_LOG:g} to 0")

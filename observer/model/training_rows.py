@@ -22,7 +22,7 @@ Shown = TypeVar("Shown", Example, Stream)
 
 RECOGNISABLE = 0.35
 """Share of a movement after which its rows show it fully; up to there they show something else in part."""
-FRACTIONS = tuple(n / 10 for n in range(1, 11))
+LEARNED_FRACTIONS = tuple(n / 10 for n in range(1, 11))
 """Shares of a movement after which it is shown."""
 REST_S = 1.6
 """How long a person is shown at rest before or after a movement."""
@@ -80,7 +80,7 @@ def rows_of_examples(
         before = rest if n % 2 else 0
         later = traces[another_take(examples, n)][0] if n % 2 else None
         shown = between_rests(trace, before, rest, rng, later)
-        fractions = np.array([0.0, *FRACTIONS])
+        fractions = np.array([0.0, *LEARNED_FRACTIONS])
         at = before + np.maximum(np.ceil(fractions * len(trace)).astype(np.int64), 1) - 1
         targets = targets_of(example.movement, np.clip(fractions / RECOGNISABLE, 0, 1), movements)
         after = before + len(trace) + np.array([round(s * rate_hz) for s in RESTS_AFTER_S], np.int64) - 1

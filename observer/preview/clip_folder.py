@@ -10,7 +10,7 @@ from observer.files import remove_file, write_file
 
 DAY_NS = 86_400 * SECOND_NS
 MB = 1_000_000
-WAY_OUT = "Free space, or lower clips.keep_mb"
+FREE_CLIPS_SPACE = "Free space, or lower clips.keep_mb"
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class ClipFolder:
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.delete_old(now_ns, len(content))
         path = self.path / name
-        write_file(path, content, WAY_OUT)
+        write_file(path, content, FREE_CLIPS_SPACE)
         path.chmod(0o600)
         return path
 

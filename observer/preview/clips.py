@@ -34,13 +34,13 @@ JPEG_BYTES = 80_000
 """Most bytes of one picture: with CLIP_HZ and a minute 48 MB at most."""
 CLIPS_WAITING = 8
 """Clips that may wait for a slow disk."""
-PENDING_LIMIT = 64
+PENDING_CLIPS_LIMIT = 64
 """Verdicts whose clips are not over: a clip lasts a minute at most, and nobody does a movement each second."""
 VERDICTS_KNOWN = 256
 """So many verdicts are remembered."""
 CLEAN_S = 600.0
 """Interval at which old clips are deleted also when nothing happens."""
-END_S = 5.0
+LAST_CLIPS_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,7 +135,7 @@ class VerdictClips:
         if verdict is None:
             return
         is_new = verdict.id not in self._known and verdict.id not in self._pending
-        if is_new and len(self._pending) >= PENDING_LIMIT:
+        if is_new and len(self._pending) >= PENDING_CLIPS_LIMIT:
             self._leave_out()
             return
         if verdict.id in self._pending and verdict.label != ABSTAIN:
@@ -181,10 +181,10 @@ class _ClipWriter:
 
     def close(self) -> None:
         try:
-            self._waiting.put(None, timeout=END_S)
+            self._waiting.put(None, timeout=LAST_CLIPS_S)
         except queue.Full:
             return
-        self._thread.join(END_S)
+        self._thread.join(LAST_CLIPS_S)
 
     def _work(self) -> None:
         self._attempt(lambda: self._folder.delete_old(self._clock()))

@@ -151,10 +151,14 @@ def wrapped(text: str, size: float, width_px: int, lines: int) -> list[str]:
     return result
 
 
-COLOURS: dict[State, Colour] = {State.SEEN: (233, 180, 86), State.UNSURE: (66, 228, 240), State.MISSING: (0, 94, 213)}
+STATE_COLOUR: dict[State, Colour] = {
+    State.SEEN: (233, 180, 86),
+    State.UNSURE: (66, 228, 240),
+    State.MISSING: (0, 94, 213),
+}
 """Sky blue, yellow and vermilion of the palette of Okabe and Ito, distinguishable with colour blindness and in grey."""
 
-RADIUS = 14
+RING_PX = 14
 """Radius of a ring, px."""
 DASHES = 8
 """Number of dashes of an unsure part's ring."""
@@ -175,10 +179,10 @@ BONES = (
     ("right_knee", "right_foot"),
 )
 """Lines of the skeleton, drawn between parts that are both seen."""
-FOLLOWED, OTHER = COLOURS[State.SEEN], (190, 190, 190)
+FOLLOWED, OTHER = STATE_COLOUR[State.SEEN], (190, 190, 190)
 """Colours of the frames around the followed person and around others."""
 MAIN = (*BODY_PARTS, "left_foot", "right_foot")
-FEW = 6
+MOST_NAMED_PARTS = 6
 """With more parts, only those of MAIN are named and have trails, states and Vector Symbols."""
 JOINT = 6
 """Radius of the marks of the other parts, px."""
@@ -187,7 +191,7 @@ JOINT = 6
 def main_rows(body_parts: Sequence[str]) -> list[int]:
     """The rows of the parts that are shown in full."""
     rows = [row for row, part in enumerate(body_parts) if part in MAIN]
-    return rows if len(body_parts) > FEW and rows else list(range(len(body_parts)))
+    return rows if len(body_parts) > MOST_NAMED_PARTS and rows else list(range(len(body_parts)))
 
 
 def draw_marks(canvas: Picture, placement: Placement, shown: PreviewFrame) -> None:
@@ -217,13 +221,13 @@ def draw_bones(
     for ends in BONES:
         if all(end in rows and states[rows[end]] is State.SEEN for end in ends):
             begin, end = (tuple(np.clip(centres[rows[end]], -9999, 9999).round().astype(int).tolist()) for end in ends)
-            for colour, wide in ((BLACK, width + 2), (COLOURS[State.SEEN], width)):
+            for colour, wide in ((BLACK, width + 2), (STATE_COLOUR[State.SEEN], width)):
                 cv2.line(canvas, begin, end, colour, wide, cv2.LINE_AA)
 
 
-def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = RADIUS) -> None:
+def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = RING_PX) -> None:
     """Draw a ring with a filled middle (seen), a dashed, empty ring (unsure) or a cross (missing)."""
-    colour = COLOURS[state]
+    colour = STATE_COLOUR[state]
     if state is State.SEEN:
         for inked, width in ((BLACK, 5), (colour, 2)):
             cv2.circle(canvas, at, radius, inked, width, cv2.LINE_AA)
@@ -258,7 +262,7 @@ def draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> No
 def _draw_trails(canvas: Picture, trail: Floats) -> None:
     """Draw the trails, thinner where they are older to show the direction."""
     # The whole black edge first, otherwise each piece would cover its predecessor.
-    for inked, edge in ((BLACK, 2), (COLOURS[State.SEEN], 0)):
+    for inked, edge in ((BLACK, 2), (STATE_COLOUR[State.SEEN], 0)):
         for row in range(trail.shape[1]):
             for i in range(1, len(trail)):
                 begin, end = _pixel(canvas, trail[i - 1, row]), _pixel(canvas, trail[i, row])
@@ -270,7 +274,7 @@ def _draw_trails(canvas: Picture, trail: Floats) -> None:
 def _name(canvas: Picture, at: tuple[int, int], part: str) -> None:
     """Write the name beside the mark, on the outer side of the body, always inside the picture."""
     text = part.replace("_", " ")
-    wide, gap = width_of(text, SMALL), RADIUS + 6
+    wide, gap = width_of(text, SMALL), RING_PX + 6
     left = at[0] - gap - wide if part.startswith("right_") else at[0] - wide // 2 if part == "head" else at[0] + gap
     base = at[1] - gap if part == "head" else at[1] + 4
     height, width = canvas.shape[:2]

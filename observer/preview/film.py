@@ -23,7 +23,7 @@ log = logging.getLogger("labanmesh.observer")
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 STILLS = (".png", ".jpg", ".jpeg")
 CHOOSE = "Choose another path"
-PAUSE_S = 2.0
+LONGEST_PAUSE_S = 2.0
 """Longest pause in a film; a longer silence of the camera is cut to it."""
 
 
@@ -72,7 +72,7 @@ class Film:
         if self._begin_ns is None:
             self._begin_ns = shown_ns
         due = round((shown_ns - self._begin_ns) / SECOND_NS * self._rate_hz) + 1 - self._written
-        excess = due - max(1, round(PAUSE_S * self._rate_hz))
+        excess = due - max(1, round(LONGEST_PAUSE_S * self._rate_hz))
         if excess > 0:
             self._begin_ns += round(excess / self._rate_hz * SECOND_NS)
         return max(0, due - max(0, excess))

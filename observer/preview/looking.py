@@ -30,7 +30,7 @@ SMALL_FACE = 24
 """Face width in px below which a hand is only a few pixels wide."""
 SKIN_TONED = 0.15
 """Share of the picture from which skin colour is not the person's alone."""
-TIMEOUT_S = 10.0
+CAMERA_RESERVE_S = 10.0
 """Time that a live camera may take beyond the nominal time of the pictures."""
 FACE_EVERY = 3
 """A face is searched in every third picture, because that costs more than tracking."""
@@ -166,7 +166,7 @@ def look_at(
 ) -> LookResult:
     """Track at most `frames` pictures of a source. name: of the source, for people. last_report: the source's report.
 
-    Raises LabanmeshError when a live camera delivers no picture within TIMEOUT_S, and what the source raises.
+    Raises LabanmeshError when a live camera delivers no picture within CAMERA_RESERVE_S, and what the source raises.
     """
     history, faces = PreviewHistory(tracker.body_parts, source.rate_hz, name), _FaceCount()
     tracked: list[_Tracked] = []
@@ -178,7 +178,7 @@ def look_at(
         tracked.append(_Tracked(frame.captured_ns, frame.at_ns, shown.tracks))
     if frame is None or shown is None:
         reason = last_report.reason or "the source delivered nothing"
-        raise LabanmeshError(f"{name}: no picture within {TIMEOUT_S:g} s: {reason}")
+        raise LabanmeshError(f"{name}: no picture within {CAMERA_RESERVE_S:g} s: {reason}")
     live = isinstance(source, LiveCamera)
     captured_ns = [each.captured_ns for each in tracked]
     rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
@@ -234,7 +234,7 @@ def _track(history: PreviewHistory, tracker: Tracker, frame: Frame) -> PreviewFr
 def _first_frames(source: FrameSource, frames: int) -> Iterator[Frame]:
     """The source's first frames; from a live camera only those before the timeout."""
     stop = threading.Event()
-    timer = threading.Timer(TIMEOUT_S + frames / source.rate_hz, stop.set)
+    timer = threading.Timer(CAMERA_RESERVE_S + frames / source.rate_hz, stop.set)
     if isinstance(source, LiveCamera):
         timer.start()
         # Its faults are part of our error; without a handler Python would print the warnings as well.

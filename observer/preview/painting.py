@@ -9,11 +9,11 @@ from observer.camera.base import require_picture, size_of
 from observer.features import VectorSymbol
 from observer.preview.drawing import (
     CANVAS,
-    COLOURS,
     LARGE,
     PLAIN,
     SIZE,
     SMALL,
+    STATE_COLOUR,
     Colour,
     PaintingLayout,
     PixelBox,
@@ -25,7 +25,7 @@ from observer.preview.drawing import (
     wrapped,
     write,
 )
-from observer.preview.sight import SYMBOLS, Picture, PreviewFrame, ShownPosterior
+from observer.preview.sight import SYMBOL_FRAMES, Picture, PreviewFrame, ShownPosterior
 from observer.tracks import State
 
 GROUND: Colour = (28, 25, 24)
@@ -33,11 +33,11 @@ BRIGHT: Colour = (240, 240, 240)
 DIM: Colour = (160, 155, 150)
 TRACK: Colour = (58, 53, 50)
 BAR: Colour = (150, 120, 95)
-WINNER: Colour = COLOURS[State.SEEN]
-REST: Colour = (130, 130, 130)
+WINNER: Colour = STATE_COLOUR[State.SEEN]
+REST_COLOUR: Colour = (130, 130, 130)
 
 EDGE = 14
-MOVEMENTS = 8
+MOST_MOVEMENTS = 8
 """Most movements shown."""
 ROW, LINE = 22, 19
 """Heights of a bar and of a line of text, px."""
@@ -56,7 +56,7 @@ def draw_panel(canvas: Picture, shown: PreviewFrame) -> None:
     write(canvas, f"frame {shown.frame}{age}", (EDGE, 52), DIM, SMALL, width_px=width)
     y = _draw_legend(canvas, shown, 78)
     for number, line in enumerate(wrapped(shown.complaint, PLAIN, width, COMPLAINT_LINES)):
-        write(canvas, line, (EDGE, y + 6 + number * LINE), COLOURS[State.UNSURE], PLAIN, width_px=width)
+        write(canvas, line, (EDGE, y + 6 + number * LINE), STATE_COLOUR[State.UNSURE], PLAIN, width_px=width)
     y += 6 + COMPLAINT_LINES * LINE
     if shown.posterior is not None:
         y = draw_posterior(canvas, shown.posterior, y)
@@ -71,7 +71,7 @@ def _draw_legend(canvas: Picture, shown: PreviewFrame, y: int) -> int:
         draw_mark(canvas, (EDGE + 9, y), state, 8)
         name = part.replace("_", " ")
         write(canvas, name, (EDGE + 30, y + 5), BRIGHT, PLAIN, width_px=110)
-        write(canvas, state.value, (EDGE + 146, y + 5), COLOURS[state], PLAIN)
+        write(canvas, state.value, (EDGE + 146, y + 5), STATE_COLOUR[state], PLAIN)
         y += 25
     if len(main) < len(states):
         others = f"{states.count(State.SEEN)} of {len(states)} parts seen"
@@ -85,15 +85,15 @@ def draw_posterior(canvas: Picture, posterior: ShownPosterior, y: int) -> int:
     width = canvas.shape[1] - 2 * EDGE
     write(canvas, f"posterior, entropy {posterior.entropy_bits:.2f} bit", (EDGE, y + 6), BRIGHT, PLAIN, width_px=width)
     y += 14
-    for index in posterior.most_probable(MOVEMENTS):
+    for index in posterior.most_probable(MOST_MOVEMENTS):
         won = index == posterior.winner
         _draw_bar(canvas, y, posterior.labels[index], float(posterior.p[index]), WINNER if won else BAR, won)
         y += ROW
-    others = len(posterior.labels) - MOVEMENTS
+    others = len(posterior.labels) - MOST_MOVEMENTS
     if others > 0:
         write(canvas, f"and {others} less probable", (EDGE, y + 14), DIM, SMALL, width_px=width)
         y += LINE
-    _draw_bar(canvas, y + 5, "(at rest)", posterior.rest, REST, False)
+    _draw_bar(canvas, y + 5, "(at rest)", posterior.rest, REST_COLOUR, False)
     return y + ROW + 10
 
 
@@ -132,10 +132,10 @@ def draw_inset(canvas: Picture, back: Picture, y: int, most: int) -> None:
 
 STRIP_GROUND: Colour = (38, 34, 32)
 STRIP_LINE: Colour = (70, 64, 60)
-NAME: Colour = (225, 225, 225)
+NAME_COLOUR: Colour = (225, 225, 225)
 STILL_DOT: Colour = (125, 120, 115)
 ARROW: Colour = (255, 255, 255)
-NAMES = 112
+NAMES_PX = 112
 """Width of the column with the names, px."""
 
 
@@ -145,12 +145,12 @@ def draw_strip(canvas: Picture, shown: PreviewFrame) -> None:
     canvas[:] = STRIP_GROUND
     main = main_rows(shown.body_parts)
     row_height = (height - 16) / len(main)
-    step = (width - NAMES - 12) / SYMBOLS
-    write(canvas, "motion, newest right; dot: still, gap: not seen", (NAMES, height - 4), STILL_DOT, SMALL)
+    step = (width - NAMES_PX - 12) / SYMBOL_FRAMES
+    write(canvas, "motion, newest right; dot: still, gap: not seen", (NAMES_PX, height - 4), STILL_DOT, SMALL)
     for place, row in enumerate(main):
         part, middle = shown.body_parts[row], 4 + round((place + 0.5) * row_height)
-        write(canvas, part.replace("_", " "), (12, middle + 5), NAME, PLAIN, width_px=NAMES - 18)
-        for back, symbol in enumerate(reversed(shown.symbols[-SYMBOLS:, row].tolist())):
+        write(canvas, part.replace("_", " "), (12, middle + 5), NAME_COLOUR, PLAIN, width_px=NAMES_PX - 18)
+        for back, symbol in enumerate(reversed(shown.symbols[-SYMBOL_FRAMES:, row].tolist())):
             right = width - 12 - round(back * step)
             if symbol != VectorSymbol.NOT_SEEN:
                 cv2.line(canvas, (right - round(step), middle), (right, middle), STRIP_LINE, 1)
@@ -168,7 +168,7 @@ def draw_symbol(canvas: Picture, at: tuple[int, int], symbol: VectorSymbol, half
         cv2.arrowedLine(canvas, begin, end, ARROW, 2, cv2.LINE_AA, tipLength=0.45)
 
 
-EMPTY = 14
+SURROUND_GREY = 14
 """Grey level around the picture."""
 CAPTION = (150, 150, 150)
 SHEET, GRID = 46, 58
@@ -181,7 +181,7 @@ def paint(picture: Picture | None, shown: PreviewFrame) -> Picture:
     Raises BadInput for another shape or type.
     """
     layout = PaintingLayout.of(*CANVAS) if picture is None else PaintingLayout.of(*size_of(require_picture(picture)))
-    canvas = np.full((SIZE[1], SIZE[0], 3), EMPTY, np.uint8)
+    canvas = np.full((SIZE[1], SIZE[0], 3), SURROUND_GREY, np.uint8)
     area = layout.picture.cut(canvas)
     if picture is None:
         area[:] = empty_sheet(layout.picture)

@@ -31,9 +31,9 @@ FALLBACK = Path("labanmesh-preview.mp4")
 """Written instead of a window where no window can be opened."""
 QUEUE_SIZE = 8
 """Pictures that may wait for painting when all are kept; then the observer waits."""
-CHECK_S = 0.2
+THREAD_CHECK_S = 0.2
 """Interval at which a waiting observer checks that the painting thread still works."""
-KNOWN = "window, FILE.mp4, FILE.avi, FILE.png (the newest), FILE-%06d.png, a folder"
+KNOWN_OUTPUTS = "window, FILE.mp4, FILE.avi, FILE.png (the newest), FILE-%06d.png, a folder"
 INSET_PX = 320
 """The back-projection is computed for about this many pixels per row, since it is shown small."""
 
@@ -69,7 +69,7 @@ def _outlet(target: str, path: Path, rate_hz: float, keep_all: bool) -> Outlet:
         return Film(path, rate_hz, keep_all)
     if suffix in STILLS or (target.strip() and (path.is_dir() or not suffix)):
         return Stills(path)
-    raise BadInput(f"--preview {target!r}: unknown kind; known: {KNOWN}")
+    raise BadInput(f"--preview {target!r}: unknown kind; known: {KNOWN_OUTPUTS}")
 
 
 class PreviewThread:
@@ -105,7 +105,7 @@ class PreviewThread:
     def _put(self, item: Item | None) -> None:
         while self._thread.is_alive():
             try:
-                self._queue.put(item, timeout=CHECK_S)
+                self._queue.put(item, timeout=THREAD_CHECK_S)
             except queue.Full:
                 continue
             return

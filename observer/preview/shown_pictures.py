@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("labanmesh.observer")
 
-MARGIN = 0.15
+MOTION_MARGIN = 0.15
 """Margin about recorded motion, as a share of its extent."""
 LONGEST_NS = SECOND_NS // 2
 """After this long a picture is shown although the observer has skipped it: an observer rests in an empty room."""
@@ -144,7 +144,7 @@ class PicturedObserver:
         known = tracks.centres[np.isfinite(tracks.centres).all(axis=1)]
         if not len(known):
             return
-        margin = MARGIN * np.ptp(known, axis=0).max()
+        margin = MOTION_MARGIN * np.ptp(known, axis=0).max()
         corners = np.array([known.min(axis=0) - margin, known.max(axis=0) + margin])
         if self._extent is not None:
             corners = np.array([np.minimum(corners[0], self._extent[0]), np.maximum(corners[1], self._extent[1])])

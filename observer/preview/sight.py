@@ -14,11 +14,11 @@ from observer.tracks import Floats, Tracks
 Picture = NDArray[np.uint8]
 """(H, W, 3) in the order blue, green, red, 0 to 255, or (H, W) grey."""
 
-SYMBOLS = 40
+SYMBOL_FRAMES = 40
 """Number of frames whose Vector Symbols are shown."""
 TRAIL = 12
 """Number of frames in the trail of each part."""
-MARGIN = 0.5
+PERSON_MARGIN = 0.5
 """Margin about recorded motion, as a share of the person's extent."""
 OVER_S, STILL = 0.2, 0.12
 """Arrows show the motion over this time; less than this share of the person's size counts as still: about 0.3 m/s."""
@@ -81,7 +81,7 @@ class PreviewHistory:
     def __init__(self, body_parts: Sequence[str], rate_hz: float, title: str = "") -> None:
         self._body_parts, self._title = tuple(body_parts), title
         self._reader = SpaceReader(self._body_parts, STILL, max(1, round(OVER_S * rate_hz)))
-        self._symbols: deque[Symbols] = deque(maxlen=SYMBOLS)
+        self._symbols: deque[Symbols] = deque(maxlen=SYMBOL_FRAMES)
         self._trail: deque[Floats] = deque(maxlen=TRAIL)
         self._extent: Floats | None = None
         self._person_size = 0.0
@@ -122,7 +122,7 @@ class PreviewHistory:
             return
         size = float(np.linalg.norm(finite[:, None] - finite[None], axis=-1).max())
         self._person_size = max(self._person_size, size)
-        margin = MARGIN * self._person_size
+        margin = PERSON_MARGIN * self._person_size
         corners = np.array([finite.min(axis=0) - margin, finite.max(axis=0) + margin])
         if self._extent is not None:
             corners = np.array([np.minimum(corners[0], self._extent[0]), np.maximum(corners[1], self._extent[1])])

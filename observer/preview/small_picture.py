@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from observer.preview.drawing import (
-    COLOURS,
     SMALL,
+    STATE_COLOUR,
     PixelBox,
     Placement,
     draw_bones,
@@ -25,14 +25,14 @@ LETTERS = {"left_hand": "L", "right_hand": "R"}
 """Beside the marks of the hands: the person's own left and right."""
 QUALITIES = (75, 60, 45, 30, 20)
 """JPEG qualities, tried in this order until a picture is small enough."""
-SHRINK = 0.7
+SMALLER_SCALE = 0.7
 """Scale of a picture that is too large even at the lowest quality."""
-RADIUS = 5
+DOT_PX = 5
 LINE_PX = 15
 """Height of a line of text, px."""
 ALL_STATES = 4
 """With more parts than this, only those that are not seen are listed."""
-EMPTY = 46
+SHEET_GREY = 46
 """Grey level of the sheet for motion without a picture."""
 
 
@@ -53,7 +53,7 @@ class Sighting:
 def small_picture(sighting: Sighting, side_px: int) -> Picture:
     """(h, w, 3) BGR whose longer side is at most `side_px`, with marks, skeleton and the state of each part."""
     if sighting.picture is None:
-        canvas: Picture = np.full((side_px * 3 // 4, side_px, 3), EMPTY, np.uint8)
+        canvas: Picture = np.full((side_px * 3 // 4, side_px, 3), SHEET_GREY, np.uint8)
         placement = Placement.of_motion(sighting.extent, PixelBox(0, 0, side_px, side_px * 3 // 4))
     else:
         canvas = _reduced(sighting.picture, side_px)
@@ -70,7 +70,7 @@ def encode_jpeg(picture: Picture, limit_bytes: int) -> tuple[bytes, tuple[int, i
             jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes()
             if len(jpeg) <= limit_bytes or max(picture.shape[:2]) < 32:
                 return jpeg, (picture.shape[1], picture.shape[0])
-        picture = _reduced(picture, round(SHRINK * max(picture.shape[:2])))
+        picture = _reduced(picture, round(SMALLER_SCALE * max(picture.shape[:2])))
 
 
 def _reduced(picture: Picture, side_px: int) -> Picture:
@@ -92,9 +92,9 @@ def _draw_parts(canvas: Picture, placement: Placement, sighting: Sighting) -> No
         place = centres[row] if state is State.SEEN else guesses[row]
         if np.isfinite(place).all():
             at = _pixel(place)
-            draw_mark(canvas, at, state, RADIUS)
+            draw_mark(canvas, at, state, DOT_PX)
             letter = LETTERS.get(sighting.body_parts[row], "")
-            write(canvas, letter, (at[0] + RADIUS + 3, at[1] + 4), (255, 255, 255), SMALL, outlined=True)
+            write(canvas, letter, (at[0] + DOT_PX + 3, at[1] + 4), (255, 255, 255), SMALL, outlined=True)
 
 
 def _write_states(canvas: Picture, sighting: Sighting) -> None:
@@ -111,7 +111,7 @@ def _write_states(canvas: Picture, sighting: Sighting) -> None:
         cv2.rectangle(
             canvas, (0, (number - 1) * LINE_PX), (width_of(short, SMALL) + 8, number * LINE_PX), (0, 0, 0), -1
         )
-        write(canvas, short, (4, number * LINE_PX - 4), COLOURS[state], SMALL)
+        write(canvas, short, (4, number * LINE_PX - 4), STATE_COLOUR[state], SMALL)
 
 
 def _pixel(place: Floats) -> tuple[int, int]:

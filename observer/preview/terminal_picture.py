@@ -8,7 +8,7 @@ from observer.preview.sight import Picture
 UPPER_HALF = "▀"
 """Its foreground is the upper pixel, its background the lower one."""
 RESET = "\x1b[0m"
-LEVELS = 6
+CUBE_LEVELS = 6
 """Of each colour in the cube of terminals with 256 colours, which begins at CUBE."""
 CUBE = 16
 
@@ -36,5 +36,5 @@ def _colour(rgb: Picture, exact: bool) -> str:
     red, green, blue = (int(value) for value in rgb)
     if exact:
         return f"2;{red};{green};{blue}"
-    red, green, blue = (round(value / 255 * (LEVELS - 1)) for value in (red, green, blue))
-    return f"5;{CUBE + LEVELS * LEVELS * red + LEVELS * green + blue}"
+    red, green, blue = (round(value / 255 * (CUBE_LEVELS - 1)) for value in (red, green, blue))
+    return f"5;{CUBE + CUBE_LEVELS * CUBE_LEVELS * red + CUBE_LEVELS * green + blue}"

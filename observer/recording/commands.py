@@ -124,7 +124,7 @@ def _record_tracks(options: RecordOptions) -> None:
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.recording.capture import open_observers, read_all
-    from observer.recording.own_tracks import RATE_HZ
+    from observer.recording.own_tracks import RECORDING_HZ
     from observer.recording.reconstruction import FRONT, UP
     from observer.recording.tracks_file import tracks_files
 
@@ -136,7 +136,7 @@ def _record_tracks(options: RecordOptions) -> None:
     observers = split_list("--observers", options.observers) or scene.roster
     for observer in observers:
         scene.observer(observer)
-    paths, blank = tracks_files(options.output, observers), _blank(options, RATE_HZ)
+    paths, blank = tracks_files(options.output, observers), _blank(options, RECORDING_HZ)
     with stop_on_signals() as stop, ProgressBar() as bar:
         cameras = open_observers(scene, observers, parts or None, stop)
         files = {camera.name: _tracks_file(paths[camera.name], camera, exactly=bool(parts)) for camera in cameras}
@@ -244,15 +244,15 @@ def place(
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.recording.capture import open_cameras, read_cameras
-    from observer.recording.person_placement import RATE_HZ, TRUNK, seen_person
+    from observer.recording.person_placement import PLACING_HZ, SHOULDERS_AND_HIPS, seen_person
 
     log_to_stderr()
     with stop_on_signals() as stop, ProgressBar() as bar:
-        cameras = open_cameras(read_scene(scene), split_list("--observers", observers), stop, TRUNK)
+        cameras = open_cameras(read_scene(scene), split_list("--observers", observers), stop, SHOULDERS_AND_HIPS)
         names, parts = ", ".join(camera.name for camera in cameras), tuple(cameras[0].tracker.body_parts)
         typer.echo(f"looking for a person who stands, with {names}; Ctrl-C ends it earlier")
         tracks = read_cameras(cameras, stop, seconds, _progress(bar, seconds))
-        person = seen_person(tracks, parts, RATE_HZ, gate, lambda done, total: bar("triangulating", done, total))
+        person = seen_person(tracks, parts, PLACING_HZ, gate, lambda done, total: bar("triangulating", done, total))
     line = "left and right hand" if person.by_hands else "left and right of the trunk"
     typer.echo(
         f"head in {person.head_seen:.0%} of the time, {line} in {person.sides_seen:.0%}, facing to within "

@@ -26,7 +26,7 @@ from observer.tracks import BODY_PARTS, Floats
 Progress = Callable[[int, int], None]
 OUTLIER_SHARE = 0.1
 """A camera that is an outlier more often than this gets a line of its own."""
-LITTLE = 0.5
+LITTLE_KNOWN_SHARE = 0.5
 """If hands and head are known in fewer of the instants, the lines say what each camera saw."""
 
 
@@ -99,7 +99,7 @@ def build_recording(
         raise NothingRecorded(
             cause_of(reconstructed.result), [*visibility_lines(tracks, body_parts, reconstructed.result)]
         )
-    if np.isfinite(positions[:, _needed(body_parts)]).all(axis=(1, 2)).mean() < LITTLE:
+    if np.isfinite(positions[:, _needed(body_parts)]).all(axis=(1, 2)).mean() < LITTLE_KNOWN_SHARE:
         lines += visibility_lines(tracks, body_parts, result)
     if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]

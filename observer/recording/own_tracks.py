@@ -18,9 +18,9 @@ from observer.recording.tracks_ring import TracksRing
 from observer.stillness import Stillness
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
-RATE_HZ = 15.0
+RECORDING_HZ = 15.0
 """Default rate of recordings: most trackers find people as often on a small machine."""
-MEMORY_S = 600.0
+RING_S = 600.0
 MARGIN_S = 0.25
 """Rest that stays before and after a trimmed movement."""
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
@@ -43,7 +43,7 @@ class TracksRecorder:
     forgotten. Times are `Frame.at_ns`. Not thread-safe.
     """
 
-    def __init__(self, body_parts: Sequence[str], rate_hz: float = RATE_HZ, memory_s: float = MEMORY_S) -> None:
+    def __init__(self, body_parts: Sequence[str], rate_hz: float = RECORDING_HZ, memory_s: float = RING_S) -> None:
         self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
         self._ring = TracksRing(len(self.body_parts), memory_s)
 

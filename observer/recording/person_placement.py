@@ -12,16 +12,16 @@ from observer.recording.reconstructed_parts import reconstruct_parts
 from observer.recording.reconstruction import CameraTracks, Progress, remove_spikes
 from observer.tracks import Floats
 
-RATE_HZ = 10.0
+PLACING_HZ = 10.0
 """Instants a second: a person who stands does not move between two of them."""
-TRUNK = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
+SHOULDERS_AND_HIPS = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
 """The parts whose line from left to right a person faces across; without them the hands must do."""
 HANDS = ("left_hand", "right_hand")
-UPRIGHT = 0.7
+LEAST_UPRIGHT_SHARE = 0.7
 """Least share of the way from the hips to the head that is along y; less is a room whose y does not point up."""
 STEADY_DEG = 20.0
 """Spread of the facing beyond which the person turned, or the trackers confuse left and right."""
-FEW = 0.5
+FEW_HEADS_SHARE = 0.5
 """A place rests on too little if the head was seen in a smaller share of the instants."""
 
 
@@ -45,7 +45,7 @@ class SeenPerson:
     def doubts(self) -> list[str]:
         """Why the result may be wrong, each with a remedy."""
         doubts = []
-        if self.head_seen < FEW:
+        if self.head_seen < FEW_HEADS_SHARE:
             doubts.append(
                 f"the head was found in {self.head_seen:.0%} of the time: stand where all cameras see you whole"
             )
@@ -73,7 +73,7 @@ def seen_person(
     head = positions[:, list(body_parts).index("head")]
     if not np.isfinite(head).any():
         raise BadInput("the cameras never agree on the head: labanmesh camera look shows what each tracker finds")
-    across = _across(positions, body_parts, TRUNK)
+    across = _across(positions, body_parts, SHOULDERS_AND_HIPS)
     by_hands = not len(across)
     across = _across(positions, body_parts, HANDS) if by_hands else across
     if not len(across):
@@ -117,7 +117,7 @@ def _facing(across: Floats) -> tuple[float, float]:
 
 def _require_upright(positions: Floats, body_parts: Sequence[str]) -> None:
     """Raise BadInput if the head is not above the hips along y; says nothing where hips are not seen."""
-    rows = [row for row, part in enumerate(body_parts) if part in TRUNK[2:]]
+    rows = [row for row, part in enumerate(body_parts) if part in SHOULDERS_AND_HIPS[2:]]
     if not rows:
         return
     hips = positions[:, rows].mean(axis=1)
@@ -125,7 +125,7 @@ def _require_upright(positions: Floats, body_parts: Sequence[str]) -> None:
     known = trunk[np.isfinite(trunk).all(axis=1)]
     if len(known):
         line = np.median(known, axis=0)
-        if line[1] < UPRIGHT * np.linalg.norm(line):
+        if line[1] < LEAST_UPRIGHT_SHARE * np.linalg.norm(line):
             raise BadInput(
                 "the head is not above the hips along y: stand upright; if y does not point up in this room, make "
                 "camera files in which it does: labanmesh camera calibrate --read FILE --up z"

@@ -19,7 +19,7 @@ from observer.recording.reconstruction import (
 )
 from observer.tracks import Floats
 
-FASTEST_HZ = 240.0
+MOST_INSTANTS_HZ = 240.0
 """More instants a second than cameras have only cost time."""
 PALM_M = 0.08
 """A palm's width, and twice the usual distance between a joint in space and where a pose model sees it."""
@@ -40,10 +40,10 @@ class ReconstructedParts:
 
 
 def camera_rate_hz(tracks: Sequence[CameraTracks]) -> float:
-    """Pictures a second of the fastest camera, by its median interval, at most FASTEST_HZ; 0 for one picture."""
+    """Pictures a second of the fastest camera, by its median interval, at most MOST_INSTANTS_HZ; 0 for one picture."""
     intervals = [np.median(np.diff(camera.at_ns)) for camera in tracks if len(camera.at_ns) > 1]
     fastest = min((float(interval) for interval in intervals if interval > 0), default=np.inf)
-    return min(SECOND_NS / fastest, FASTEST_HZ)
+    return min(SECOND_NS / fastest, MOST_INSTANTS_HZ)
 
 
 def reconstruct_parts(

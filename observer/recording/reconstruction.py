@@ -12,7 +12,7 @@ from observer.calibration.triangulate import GATE_PX, triangulate_all
 from observer.geometry.projection import project
 from observer.tracks import Floats
 
-LONGEST_GAP_S = 0.2
+TRACK_GAP_S = 0.2
 """Longest gap that is interpolated in a camera's tracks: in a longer one a hand may have gone there and back."""
 BLOCK = 500
 """Instants that are triangulated at once."""
@@ -54,7 +54,7 @@ def common_instants(tracks: Sequence[CameraTracks], rate_hz: float) -> NDArray[n
     return begin + np.round(np.arange(int((end - begin) * rate_hz / 1e9 + 1e-6) + 1) * 1e9 / rate_hz).astype(np.int64)
 
 
-def resample_tracks(camera: CameraTracks, at_ns: NDArray[np.int64], longest_gap_s: float = LONGEST_GAP_S) -> Floats:
+def resample_tracks(camera: CameraTracks, at_ns: NDArray[np.int64], longest_gap_s: float = TRACK_GAP_S) -> Floats:
     """(K, P, 2) centres at these instants, by linear interpolation.
 
     NaN before the first observation of a part, after its last, and in gaps longer than `longest_gap_s`.
@@ -192,7 +192,7 @@ def moving_span(positions: Floats, hands: list[int], rate_hz: float) -> tuple[in
     return max(0, int(moving[0]) - margin), min(len(positions), int(moving[-1]) + margin + 1)
 
 
-AXES = {
+UP_AXES = {
     sign + name: direction * np.eye(3)[n] for n, name in enumerate("xyz") for sign, direction in (("", 1), ("-", -1))
 }
 """x, -x, y, -y, z, -z: unit vectors (3,)."""
@@ -208,13 +208,13 @@ def performer_axes(up: str, front: str) -> Floats:
     and for two parallel axes.
     """
     for option, axis in (("--up", up), ("--front", front)):
-        if axis not in AXES:
-            raise BadInput(f"{option} {axis!r}: not an axis of the room; known: {', '.join(AXES)}")
+        if axis not in UP_AXES:
+            raise BadInput(f"{option} {axis!r}: not an axis of the room; known: {', '.join(UP_AXES)}")
     if up[-1] == front[-1]:
-        others = ", ".join(axis for axis in AXES if axis[-1] != up[-1])
+        others = ", ".join(axis for axis in UP_AXES if axis[-1] != up[-1])
         raise BadInput(f"--front {front!r}: parallel to --up {up!r}; use one of {others}")
-    back = -AXES[front]
-    return np.array([np.cross(AXES[up], back), AXES[up], back])
+    back = -UP_AXES[front]
+    return np.array([np.cross(UP_AXES[up], back), UP_AXES[up], back])
 
 
 def to_performer_axes(positions: NDArray[np.floating], up: str = UP, front: str = FRONT) -> Floats:

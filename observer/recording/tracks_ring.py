@@ -7,7 +7,7 @@ from common import SECOND_NS
 from observer.tracks import Floats
 
 FIRST_FRAMES = 256
-GROWTH = 1.5
+RING_GROWTH = 1.5
 
 
 class TracksRing:
@@ -61,7 +61,7 @@ class TracksRing:
     def _make_room(self) -> None:
         """Move the frames to the front of new arrays, which grow only if less than a third is free there."""
         frames = len(self)
-        capacity = max(FIRST_FRAMES, round(GROWTH * frames))
+        capacity = max(FIRST_FRAMES, round(RING_GROWTH * frames))
         at_ns, captured_ns = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
         centres = np.empty((capacity, self._parts, 2), np.float32)
         at_ns[:frames], captured_ns[:frames], centres[:frames] = self.at_ns, self.captured_ns, self.centres

@@ -8,7 +8,7 @@ from common.errors import BadInput
 from common.text import plural
 from observer.recording.reconstruction import CameraTracks, Reconstruction
 
-NOBODY = (
+NOBODY_SEEN = (
     "no camera saw any part",
     "labanmesh camera look SOURCE shows what a tracker finds. camshift needs a face that looks at the camera, or the "
     'colour of the skin (skin = "skin.npz" in the scene file); tracker = "mediapipe" needs neither',
@@ -36,7 +36,7 @@ class NothingRecorded(BadInput):
 def cause_of(result: Reconstruction) -> str:
     """Why no part has a position, and what to do, in one line."""
     twice = (result.observed.sum(axis=-1) > 1).any()
-    cause, remedy = NOBODY if not result.observed.any() else DISAGREE if twice else ONE_VIEW
+    cause, remedy = NOBODY_SEEN if not result.observed.any() else DISAGREE if twice else ONE_VIEW
     return f"{cause}. {remedy}"
 
 

@@ -20,7 +20,7 @@ UPPER_ARM, FOREARM, THIGH, SHIN, ANKLE = 0.186, 0.200, 0.245, 0.246, 0.045
 HEAD_CENTRE = LEG + TRUNK + NECK
 
 USUAL_HEIGHT, SMALLEST, TALLEST = 1.72, 1.45, 1.95
-HANGING = (
+HANGING_HAND_SHARE = (
     0.5  # distance of a hanging hand below the head, share of the height: .47 by the segments, .54 in MSR Action3D
 )
 LONGEST_STRIDE = 0.45
@@ -98,7 +98,7 @@ def _height(places: Floats) -> float:
     below = below[np.isfinite(below)]
     furthest = float(np.quantile(below, 0.95)) if len(below) else 0.0
     # Hands that are never lowered do not reveal the height.
-    return float(np.clip(furthest / HANGING, SMALLEST, TALLEST)) if furthest > 0.55 else USUAL_HEIGHT
+    return float(np.clip(furthest / HANGING_HAND_SHARE, SMALLEST, TALLEST)) if furthest > 0.55 else USUAL_HEIGHT
 
 
 def pose(positions: Floats, standing: Stature) -> BodyPose | None:

@@ -88,7 +88,7 @@ Picture = NDArray[np.uint8]
 Shade = NDArray[np.float32]
 
 SUBPIXEL_BITS = 4
-NOBODY = 255
+NOBODY_VALUE = 255
 CLOSEST_SKIN = 0.2
 """Metres: a nearer part would fill the picture and is not drawn."""
 _CIRCLE = np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)], axis=1)
@@ -96,7 +96,7 @@ _CIRCLE = np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
-    """A picture (H, W, 3) being drawn, and the body part (H, W) that each pixel shows, NOBODY for none."""
+    """A picture (H, W, 3) being drawn, and the body part (H, W) that each pixel shows, NOBODY_VALUE for none."""
 
     picture: Picture
     owner: Picture
@@ -146,7 +146,7 @@ def _draw_cloth(canvas: Canvas, camera: PinholeCamera, cloth: ClothHull) -> None
     cv2.fillConvexPoly(mask, outline, 255, cv2.LINE_AA, SUBPIXEL_BITS)
     shade = _roundness(mask, float(radii.max()))
     colours = shade[..., None] * np.array(cloth.colour, np.float32)
-    _blend(canvas, box, mask.astype(np.float32) / 255.0, colours, NOBODY)
+    _blend(canvas, box, mask.astype(np.float32) / 255.0, colours, NOBODY_VALUE)
 
 
 def _roundness(mask: Picture, radius_px: float) -> NDArray[np.float32]:

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
-from observer.rendering.canvas import NOBODY, Canvas, Picture
+from observer.rendering.canvas import NOBODY_VALUE, Canvas, Picture
 from observer.rendering.figure import Bgr
 
 BACKGROUNDS = ("plain", "cluttered", "skin_toned")
@@ -197,7 +197,7 @@ def occlude(canvas: Canvas, scenery: Scenery, frame_number: int) -> None:
         top, bottom = round(box.top * rows), round((box.top + box.height) * rows)
         if left >= right or top >= bottom:
             continue
-        canvas.owner[top:bottom, left:right] = NOBODY
+        canvas.owner[top:bottom, left:right] = NOBODY_VALUE
         canvas.picture[top:bottom, left:right] = BOX_COLOURS[0]
         for y in range(top, min(bottom, rows), 12):
             canvas.picture[y : min(y + 4, bottom), left:right] = BOX_COLOURS[1]

@@ -14,7 +14,7 @@ from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.body import Stature, pose, stature
-from observer.rendering.canvas import NEAREST, NOBODY, Canvas, Picture, PinholeCamera, draw
+from observer.rendering.canvas import NEAREST, NOBODY_VALUE, Canvas, Picture, PinholeCamera, draw
 from observer.rendering.figure import Appearance, SkinEllipsoid, appearance_of, shapes
 from observer.rendering.scenery import Scenery, add_noise, background, occlude, relight
 from observer.tracks import BODY_PARTS, Frame
@@ -95,7 +95,7 @@ class Renderer:
         canvas = self._drawn(middle)
         occlude(canvas, self._scenery, frame_number)
         parts = np.arange(len(BODY_PARTS))
-        counts = np.bincount(canvas.owner.ravel(), minlength=NOBODY + 1)[parts]
+        counts = np.bincount(canvas.owner.ravel(), minlength=NOBODY_VALUE + 1)[parts]
         shares = np.minimum(counts / np.maximum(self._outline_areas(middle), 1.0), 1.0)
         pixels, depth = self._camera.project(np.nan_to_num(middle))
         visible = (counts > 0) & (depth > NEAREST)
@@ -121,7 +121,7 @@ class Renderer:
         """The figure in front of its background, in steady light."""
         width, height = self._size_px
         scene = background(self._scenery.background, self._size_px, self._seed).copy()
-        canvas = Canvas(scene, np.full((height, width), NOBODY, np.uint8))
+        canvas = Canvas(scene, np.full((height, width), NOBODY_VALUE, np.uint8))
         body = pose(positions, self._standing or stature(positions[None]))
         if body is not None:
             draw(canvas, self._camera, shapes(body, self._appearance), self._appearance)

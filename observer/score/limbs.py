@@ -7,7 +7,7 @@ import numpy as np
 
 from observer.tracks import Floats, Floats32
 
-LIMBS = {
+SCORED_LIMBS = {
     "left arm": ("left_hand", "left_elbow", "left_shoulder"),
     "right arm": ("right_hand", "right_elbow", "right_shoulder"),
     "left leg": ("left_foot", "left_knee", "left_hip"),
@@ -41,7 +41,7 @@ class LimbJoint(NamedTuple):
 def limbs_of(body_parts: Sequence[str]) -> tuple[Limb, ...]:
     """The limbs of which at least one part is tracked."""
     place = {name: n for n, name in enumerate(body_parts)}
-    limbs = (Limb(name, tuple(place[part] for part in parts if part in place)) for name, parts in LIMBS.items())
+    limbs = (Limb(name, tuple(place[part] for part in parts if part in place)) for name, parts in SCORED_LIMBS.items())
     return tuple(limb for limb in limbs if limb.parts)
 
 

@@ -19,7 +19,7 @@ LAG_NS = round(STILL_LAG_S * SECOND_NS)
 MOSTLY = 0.5
 """The share of the frames in which a part has to be seen."""
 
-LEAST_SHARE = 0.5
+LEAST_REFERENCE_SHARE = 0.5
 """Of the shortest reference: what is shorter is a part of a movement, whose begin was not noticed."""
 BEGIN_UNSEEN = "its begin was not seen"
 
@@ -76,6 +76,6 @@ class PerformanceScorer:
             return JudgeScore(None, uncertain=BEGIN_UNSEEN)
         rows, seen = performance
         trace = rows[:: self._hop]
-        if len(trace) < LEAST_SHARE * min(len(take.trace) for take in references.takes):
+        if len(trace) < LEAST_REFERENCE_SHARE * min(len(take.trace) for take in references.takes):
             return JudgeScore(None, uncertain=BEGIN_UNSEEN)
         return references.judge(trace, [share >= MOSTLY for share in seen.tolist()])

@@ -11,7 +11,7 @@ from observer.score.deviations import weights_of
 from observer.score.limbs import joints_of, limbs_of
 from observer.score.references import ReferenceSpread, ReferenceTake, ReferenceTakes
 
-LABELS = "reference_labels"
+LABELS_ARRAY = "reference_labels"
 """The array that a model file with references has."""
 
 
@@ -22,7 +22,7 @@ def references_as_arrays(references: Mapping[str, ReferenceTakes]) -> dict[str, 
     takes = [take for own in references.values() for take in own.takes]
     spreads = [own.spread for own in references.values()]
     return {
-        LABELS: np.array([*references], np.str_),
+        LABELS_ARRAY: np.array([*references], np.str_),
         "reference_counts": np.array([len(own.takes) for own in references.values()], np.int32),
         "reference_traces": np.concatenate([take.trace for take in takes]).astype(np.float32),
         "reference_lengths": np.array([len(take.trace) for take in takes], np.int32),
@@ -39,9 +39,9 @@ def references_from_arrays(
     arrays: Arrays, labels: Sequence[str], body_parts: Sequence[str], rate_hz: float
 ) -> dict[str, ReferenceTakes]:
     """The inverse, for a model of these labels, parts and rate; ValueError for arrays that do not fit."""
-    if LABELS not in arrays:
+    if LABELS_ARRAY not in arrays:
         return {}
-    own = [str(label) for label in arrays[LABELS]]
+    own = [str(label) for label in arrays[LABELS_ARRAY]]
     deviations, joints = len(weights_of(len(limbs_of(body_parts)))), len(joints_of(body_parts))
     traces = np.asarray(arrays["reference_traces"], np.float32)
     lengths = np.asarray(arrays["reference_lengths"], np.int64)

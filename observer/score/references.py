@@ -14,7 +14,7 @@ from common.errors import BadInput
 from common.text import plural
 from observer.model.nearest_take import USUAL_DISTANCE
 from observer.score.alignment import Alignment
-from observer.score.deviations import GROUPS, deviations, weights_of
+from observer.score.deviations import DEVIATION_GROUPS, deviations, weights_of
 from observer.score.limbs import Limb, angles_of, joints_of, limbs_of, places_of
 from observer.score.remarks import Band, Remark, largest, remarks_of
 from observer.tracks import Floats, Floats32
@@ -30,7 +30,7 @@ FAR = 3.0
 by: what is farther is another movement."""
 LEAST_SEEN = 2 / 3
 """Share of the limbs that has to be seen."""
-TINY = 1e-6
+LEAST_SPREAD = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,7 @@ class ReferenceTakes:
         compared = [self._compare(self._places[n], self._others(n)) for n in own]
         rows = np.array([row for row, *_ in compared])
         farthest = max(distance for *_, distance in compared)
-        usual, spread = rows.mean(axis=0), rows.std(axis=0) + TINY
+        usual, spread = rows.mean(axis=0), rows.std(axis=0) + LEAST_SPREAD
         badness = self._weights @ np.maximum((rows - usual) / spread, 0.0).T
         remarked = largest([band for _, band, _ in compared])
         return ReferenceSpread(usual, spread, farthest, float(np.median(badness)), float(badness.max()), remarked)
@@ -123,10 +123,11 @@ class ReferenceTakes:
             return JudgeScore(None, certainty, uncertain="the performance has no two frames")
         row, band, distance = self._compare(places_of(trace), range(len(self._places)))
         if distance > max(FAR * self.spread.farthest, USUAL_DISTANCE):
-            far = f"{distance / max(self.spread.farthest, TINY):.0f} times as far from the references as any of them"
+            times = distance / max(self.spread.farthest, LEAST_SPREAD)
+            far = f"{times:.0f} times as far from the references as any of them"
             return JudgeScore(None, certainty, uncertain=f"this is another movement: {far}")
         off = self._spreads(row)
-        per_limb = off[: len(GROUPS) * len(self._limbs)].reshape(len(GROUPS), -1).mean(axis=0)
+        per_limb = off[: len(DEVIATION_GROUPS) * len(self._limbs)].reshape(len(DEVIATION_GROUPS), -1).mean(axis=0)
         limbs = tuple((limb.name, float(each)) for limb, each in zip(self._limbs, per_limb, strict=True))
         remarks = remarks_of(band, self.spread.remarked)
         return JudgeScore(self._score(float(self._weights @ off)), certainty, remarks, limbs, band)
@@ -149,7 +150,7 @@ class ReferenceTakes:
 
     def _score(self, badness: float) -> float:
         typical, worst = self.spread.typical, self.spread.worst
-        halves = max(badness - typical, 0.0) / max(worst - typical, TINY)
+        halves = max(badness - typical, 0.0) / max(worst - typical, LEAST_SPREAD)
         return float(BEST * (WORST / BEST) ** halves)
 
     def _seen_share(self, seen: Sequence[bool] | None) -> float:

@@ -13,7 +13,7 @@ POINTS = 20
 """Moments of a performance at which joints are compared, 5 % apart: each the mean of what is nearest to it."""
 LEAST_DEGREES = 8.0
 """A tracker's noise of one angle, and what people hardly see."""
-TOLERANCE = 1.5
+REFERENCE_TOLERANCE = 1.5
 """Times what the farthest reference is off: people vary more from day to day than within the few takes of one."""
 
 
@@ -81,7 +81,7 @@ def largest(bands: Sequence[Band]) -> Floats:
         return np.zeros(strengths.shape[1] if strengths.ndim > 1 else 0)
     usual = strengths.mean(axis=0) + 1e-6
     # One limit for all joints together, so that many joints do not mean many remarks.
-    limits: Floats = TOLERANCE * usual * float((strengths / usual).max())
+    limits: Floats = REFERENCE_TOLERANCE * usual * float((strengths / usual).max())
     return limits
 
 

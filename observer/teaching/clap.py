@@ -23,7 +23,7 @@ LEVEL = 0.25
 """The hands meet at the same height: this is how much they may differ."""
 ASIDE, ABOVE, BELOW = 1.0, 0.3, 1.4
 """Where they meet: at most ASIDE beside the head, and from ABOVE to BELOW below it."""
-RATE_HZ = 15.0
+CLAP_HZ = 15.0
 LEFT, RIGHT, HEAD = "left_hand", "right_hand", "head"
 
 
@@ -33,9 +33,9 @@ class ClapWatch:
     def __init__(self, body_parts: Sequence[str]) -> None:
         names = (LEFT, RIGHT, HEAD)
         self._rows = [list(body_parts).index(name) for name in names] if set(names) <= set(body_parts) else []
-        self._frame = BodyFrame(names, RATE_HZ)
-        self._resampler = Resampler(RATE_HZ)
-        self._places: deque[Floats] = deque(maxlen=round((CLOSES_S + PARTS_S) * RATE_HZ) + 1)
+        self._frame = BodyFrame(names, CLAP_HZ)
+        self._resampler = Resampler(CLAP_HZ)
+        self._places: deque[Floats] = deque(maxlen=round((CLOSES_S + PARTS_S) * CLAP_HZ) + 1)
         self._met = -1
         """Index of the frame in `_places` in which the hands have met and not parted yet; -1: none."""
         self.count = 0
@@ -62,7 +62,7 @@ class ClapWatch:
             self._met = len(self._places) - 1
         if self._met < 0:
             return False
-        if len(self._places) - 1 - self._met > PARTS_S * RATE_HZ:
+        if len(self._places) - 1 - self._met > PARTS_S * CLAP_HZ:
             self._met = -1
         elif distance >= PARTED:
             self._met = -1
@@ -72,7 +72,7 @@ class ClapWatch:
     def _closed_quickly(self) -> bool:
         """Whether both hands came together just now, where people clap."""
         met = self._places[-1]
-        recent = list(self._places)[-1 - round(CLOSES_S * RATE_HZ) :]
+        recent = list(self._places)[-1 - round(CLOSES_S * CLAP_HZ) :]
         before = next((places for places in reversed(recent) if _apart(places) >= APART), None)
         if before is None:
             return False

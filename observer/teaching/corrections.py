@@ -19,15 +19,15 @@ from observer.teaching.interfaces import Takes
 from observer.teaching.take_recorder import SHORTEST_S
 from observer.tracks import Tracks
 
-LOOK_S = 6.0
+STILLNESS_LEAD_S = 6.0
 """Stillness is computed from this long before a span on, because it first has to measure the tracker's noise."""
 WIDEN_S = 2.0
 """An example begins and ends no more than this outside of the span: some people never stand still."""
-JOIN_S = 0.8
+SHORTEST_REST_S = 0.8
 """A shorter rest does not end a movement (`observer.teaching.take_watch.RESTS_S`)."""
 NEAR_S = 8.0
 """A movement of which only the moment is known lies within this time of it."""
-LONGEST_S = 12.0
+SPAN_S = 12.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +110,8 @@ def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subj
     begin_ns = recorder.at_ns_of(span.begin_ns)
     end_ns = None if span.end_ns is None else max(recorder.at_ns_of(span.end_ns), begin_ns)
     near_s = NEAR_S if end_ns == begin_ns else 0.0
-    first_ns = round(begin_ns - (LOOK_S + near_s) * SECOND_NS)
-    last_ns = round((begin_ns if end_ns is None else end_ns) + (LONGEST_S if end_ns is None else NEAR_S) * SECOND_NS)
+    first_ns = round(begin_ns - (STILLNESS_LEAD_S + near_s) * SECOND_NS)
+    last_ns = round((begin_ns if end_ns is None else end_ns) + (SPAN_S if end_ns is None else NEAR_S) * SECOND_NS)
     first_ns = max(first_ns, recorder.oldest_ns or 0)
     around = recorder.cut(first_ns, last_ns, label=label, subject=subject)
     frames = _Frames(around.rate_hz, _moving_runs(around, recorder), len(around.positions))
@@ -123,7 +123,7 @@ def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subj
     else:
         begin, end = frames.widened(begin, end, is_movement=bool(label))
     seconds = (end - begin) / around.rate_hz
-    if not SHORTEST_S <= seconds <= LONGEST_S + 2 * WIDEN_S:
+    if not SHORTEST_S <= seconds <= SPAN_S + 2 * WIDEN_S:
         length = "short" if seconds < SHORTEST_S else "long"
         raise BadInput(f"{seconds:.1f} s is too {length} for a movement; name when it began and ended")
     recording = replace(around, positions=around.positions[begin:end])
@@ -189,7 +189,7 @@ class _Frames:
 
 
 def _moving_runs(recording: Recording, recorder: TracksRecorder) -> list[tuple[int, int]]:
-    """(begin, end) of the frames in which the person moves, joined over rests shorter than JOIN_S."""
+    """(begin, end) of the frames in which the person moves, joined over rests shorter than SHORTEST_REST_S."""
     parts = watched_parts(recorder.body_parts)
     stillness, watched = Stillness(parts, recording.rate_hz), in_parts(recording, recorder.body_parts, parts)
     still = np.array([stillness.update(Tracks(c.astype(np.float64))) for c in watched.positions])
@@ -197,6 +197,6 @@ def _moving_runs(recording: Recording, recorder: TracksRecorder) -> list[tuple[i
     moving: NDArray[np.int64] = np.flatnonzero((still < 0.5) & visible)
     if not len(moving):
         return []
-    breaks = np.flatnonzero(np.diff(moving) > JOIN_S * recording.rate_hz)
+    breaks = np.flatnonzero(np.diff(moving) > SHORTEST_REST_S * recording.rate_hz)
     begins, ends = moving[np.append(0, breaks + 1)], moving[np.append(breaks, len(moving) - 1)] + 1
     return [(int(begin), int(end)) for begin, end in zip(begins, ends, strict=True)]

@@ -14,15 +14,15 @@ from common.files import expand_home
 from common.teaching_messages import TeachRequest
 from common.tracker_choice import content_of
 from observer.camera.base import kind_of
-from observer.recording.own_tracks import RATE_HZ, TracksRecorder, trimmed, watched_parts
+from observer.recording.own_tracks import RECORDING_HZ, TracksRecorder, trimmed, watched_parts
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.teaching.take_recorder import SHORTEST_S, TakeRecorder
-from observer.teaching.take_watch import LONGEST_S
+from observer.teaching.take_watch import LONGEST_TAKE_S
 from observer.teaching.takes_file import TakesFile
 from observer.tracks import Frame
 
-NOTHING = "nothing"
+NOTHING_LABEL = "nothing"
 """The label of films of ordinary life: something else than any movement."""
 
 
@@ -44,7 +44,7 @@ class TaughtFilm:
             raise BadInput(f"--film {text}: there is no film {name}; name a video file, or a folder of pictures")
         if content_of(name) != "pictures":
             raise BadInput(f"--film {text}: a film is expected; labanmesh learn learns from a motion archive")
-        return cls("" if label == NOTHING else label, path.absolute())
+        return cls("" if label == NOTHING_LABEL else label, path.absolute())
 
 
 def open_film(scene: Scene, observer: str, film: TaughtFilm) -> ObserverInputs:
@@ -64,9 +64,9 @@ def add_takes(film: TaughtFilm, inputs: ObserverInputs, takes: TakesFile, person
     Raises BadInput if there is none, KeyboardInterrupt if `stop` is set.
     """
     before = len(takes.recordings)
-    recorder = TracksRecorder(inputs.tracker.every_part, RATE_HZ, float("inf"))
+    recorder = TracksRecorder(inputs.tracker.every_part, RECORDING_HZ, float("inf"))
     recording = TakeRecorder(recorder, takes)
-    step = max(1, int(inputs.source.rate_hz // RATE_HZ))
+    step = max(1, int(inputs.source.rate_hz // RECORDING_HZ))
     for number, frame in enumerate(inputs.source.frames(stop)):
         if number % step == 0 and _track(frame, inputs.tracker, recorder, recording) and recording.current is None:
             recording.begin(_request(film.label, takes, person), pictures=True)
@@ -108,7 +108,7 @@ def _whole(film: TaughtFilm, recorder: TracksRecorder, takes: TakesFile, person:
         raise BadInput(f"{name}: {fault}") from None
     take = trimmed(film_take, parts, watched_parts(parts))
     seconds = len(take.positions) / take.rate_hz
-    if take is film_take or not SHORTEST_S <= seconds <= LONGEST_S:
+    if take is film_take or not SHORTEST_S <= seconds <= LONGEST_TAKE_S:
         raise BadInput(f"{name}: shows no {film.label}: nobody moves and then stands still in it")
     takes.add(replace(take, trial=str(takes.free_take(film.label))))
     return seconds

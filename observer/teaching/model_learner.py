@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("labanmesh.observer")
 NICE = 10
 """Learning waits for whatever else the machine has to do: posteriors go on."""
-END_S = 2.0
+LEARNER_END_S = 2.0
 UMASK = 0o077
 """A model keeps examples of the motion that it was learned from: only the observer's user may read it."""
 Build = Callable[["MovementModel"], AnyObserver]
@@ -110,7 +110,7 @@ class ModelLearner:
         if process is not None and process.poll() is None:
             process.terminate()
             with suppress(subprocess.TimeoutExpired):
-                process.wait(END_S)
+                process.wait(LEARNER_END_S)
 
     def _learn(self, labels: list[str]) -> None:
         try:

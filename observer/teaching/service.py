@@ -18,7 +18,7 @@ from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
 from observer.motion.archive import TracksCamera
 from observer.preview.clip_folder import ClipFolder
-from observer.recording.own_tracks import RATE_HZ, TracksRecorder
+from observer.recording.own_tracks import RECORDING_HZ, TracksRecorder
 from observer.runtime.people_observer import AnyObserver
 from observer.runtime.pipeline import Posterior
 from observer.teaching.contradictions import doubtful_takes
@@ -180,7 +180,7 @@ def teachable(
 ) -> Iterator[TeachableObserver]:
     """The observer that can be taught; its takes lie beside its model file, as ID.tracks.npz."""
     model = scene.taught_model(observer_id)
-    rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
+    rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RECORDING_HZ
     parts = inputs.tracker.every_part
     recorder = TracksRecorder(parts, rate_hz, scene.teaching.remember_minutes * 60)
     takes = takes_of(scene, observer_id, parts)

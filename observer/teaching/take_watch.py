@@ -24,7 +24,7 @@ LEAST_WAY = 0.06
 """A part must go so far, beside what the whole body sways, or the person has only shifted their weight."""
 WAIT_S = 8.0
 """If nobody has moved by this time after the signal, the take fails."""
-LONGEST_S = 12.0
+LONGEST_TAKE_S = 12.0
 """No movement takes longer; a film in which nobody ever stands still is cut here."""
 UNSEEN_S = 3.0
 """If nobody has been seen by this time after the signal, the take fails."""
@@ -69,7 +69,7 @@ class TakeWatch:
         else:
             self._way = max(self._way, away or 0.0)
             needed_s = RESTS_S if away is None or away <= SAME_POSTURE else HOLDS_S
-            if self._lasts(self._rests_since_ns, at_ns, needed_s) or self.seconds >= LONGEST_S:
+            if self._lasts(self._rests_since_ns, at_ns, needed_s) or self.seconds >= LONGEST_TAKE_S:
                 self._stop(at_ns, away)
 
     def end(self) -> None:

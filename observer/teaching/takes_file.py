@@ -20,7 +20,7 @@ from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
 from observer.teaching.earlier_takes_file import EarlierSets, TakesSet
 
-WAY_OUT = "Free some space on that disk; the take waits in memory"
+FREE_TAKES_SPACE = "Free some space on that disk; the take waits in memory"
 
 
 class TakesFile:
@@ -81,7 +81,7 @@ class TakesFile:
         self._write_note(labels)
 
     def _write_note(self, labels: Sequence[str]) -> None:
-        write_file(self._set.note, json.dumps({"labels": list(labels)}).encode(), WAY_OUT, PRIVATE)
+        write_file(self._set.note, json.dumps({"labels": list(labels)}).encode(), FREE_TAKES_SPACE, PRIVATE)
 
     def add(self, recording: Recording) -> None:
         """Write one more take; raises LabanmeshError if the disk is full: then it waits in memory."""

@@ -10,13 +10,13 @@ from common.errors import BadInput
 from common.facets import EFFORT
 from common.posterior import check_facets
 from observer.effort.effort_file import read_effort, require_rate, write_effort
-from observer.effort.features import NAMES
+from observer.effort.features import FEATURE_NAMES
 from observer.effort.model import (
-    COLUMNS,
+    FACTOR_COLUMNS,
     FACTORS,
     NU,
     RIDGE,
-    SHRINK,
+    SHRINKAGE,
     UNKNOWN_ACTION,
     EffortExample,
     learn_trials,
@@ -35,10 +35,10 @@ def made(noise=0.3, seed=0, actions=ACTIONS):
     trials = []
     for number, action in enumerate(actions):
         for levels in itertools.product((-1, 1), repeat=4):
-            features = rng.normal(0, noise, len(NAMES))
-            features[NAMES.index("lean_last")] += 5 * number
+            features = rng.normal(0, noise, len(FEATURE_NAMES))
+            features[FEATURE_NAMES.index("lean_last")] += 5 * number
             for factor, level in zip(FACTORS, levels, strict=True):
-                features[NAMES.index(shown[factor])] += level
+                features[FEATURE_NAMES.index(shown[factor])] += level
             trials.append(EffortExample(features, levels, action))
     return trials
 
@@ -72,8 +72,8 @@ def test_a_posterior_is_a_facet_in_the_order_of_the_poles():
 
 def test_the_mixture_is_the_formula():
     model = learn_trials(made(), "door", 30)
-    z = np.linspace(-1, 1, len(NAMES))
-    q, columns = FACTORS.index("time"), COLUMNS["time"]
+    z = np.linspace(-1, 1, len(FEATURE_NAMES))
+    q, columns = FACTORS.index("time"), FACTOR_COLUMNS["time"]
     inverse = np.linalg.inv(model.spreads["time"])
 
     def likelihood(pole):
@@ -101,22 +101,22 @@ def test_the_spread_is_the_formula():
     centres = np.array([z[[a == name for a in actions]].mean(axis=0) for name in ACTIONS])
     own = z - np.array([centres[ACTIONS.index(a)] for a in actions])
     whole = (np.cov(own[:4].T) + np.cov(own[4:8].T)) / 2 + UNKNOWN_ACTION * np.cov(centres.T)
-    expected = (1 - SHRINK) * whole + SHRINK * np.diag(np.diag(whole)) + RIDGE * np.eye(2)
+    expected = (1 - SHRINKAGE) * whole + SHRINKAGE * np.diag(np.diag(whole)) + RIDGE * np.eye(2)
     np.testing.assert_allclose(spread(z, levels, actions), expected)
 
 
 def test_unknown_features_are_no_evidence():
     model = learn_trials(made(), "door", 30)
-    blind = model.posterior(np.full(len(NAMES), np.nan))
+    blind = model.posterior(np.full(len(FEATURE_NAMES), np.nan))
     assert all(p.tolist() == [0.5, 0.5] for p in blind.values())
     trial = made()[15]
     partly = trial.features.copy()
-    partly[COLUMNS["time"]] = np.nan
+    partly[FACTOR_COLUMNS["time"]] = np.nan
     facets = model.posterior(partly)
     assert facets["effort_time"].tolist() == [0.5, 0.5]
     np.testing.assert_allclose(facets["effort_weight"], model.posterior(trial.features)["effort_weight"])
     one = trial.features.copy()
-    one[NAMES.index("acceleration")] = np.nan
+    one[FEATURE_NAMES.index("acceleration")] = np.nan
     assert model.posterior(one)["effort_time"][1] > 0.5
 
 
@@ -140,7 +140,7 @@ def test_evidence_that_does_not_generalise_gets_a_low_temperature():
     honest = learn_trials(made(), "door", 30)
     # In every action another pole is shown by the same evidence: what one teaches is wrong in the others.
     rng = np.random.default_rng(3)
-    mixed = [replace(t, features=rng.normal(0, 1, len(NAMES))) for t in made()]
+    mixed = [replace(t, features=rng.normal(0, 1, len(FEATURE_NAMES))) for t in made()]
     misled = learn_trials(mixed, "door", 30)
     assert (misled.temper < honest.temper).all()
     assert np.mean([p.max() for t in made(seed=5) for p in misled.posterior(t.features).values()]) < 0.8

@@ -11,7 +11,7 @@ from common.errors import BadInput
 from common.facets import FACETS
 from common.posterior import check_facets
 from common.vocabulary import Vocabulary
-from observer.effort.features import DEGREE, NAMES, Course, coefficients, course_of, features
+from observer.effort.features import DEGREE, FEATURE_NAMES, Course, coefficients, course_of, features
 from observer.effort.model import EffortExample, learn_trials
 from observer.effort.reader import (
     BEFORE_S,
@@ -63,7 +63,7 @@ def fed(reader, frames, rest):
 
 def test_all_features_of_a_whole_wave_are_known_and_none_of_its_first_frames():
     assert np.isfinite(features(course_of(wave(), BODY_PARTS, RATE))).all()
-    assert len(features(course_of(wave(), BODY_PARTS, RATE))) == len(NAMES)
+    assert len(features(course_of(wave(), BODY_PARTS, RATE))) == len(FEATURE_NAMES)
     assert np.isnan(features(course_of(wave(5), BODY_PARTS, RATE))).all()
     assert np.isnan(features(Course(BODY_PARTS, RATE))).all()
 
@@ -110,8 +110,8 @@ def test_the_features_are_their_formulas():
             expected[f"{way}_{name}"] = np.quantile(moved[:, axis], share)
     for k, name in enumerate(("first", "second", "third", "fourth")):
         expected[f"lean_{name}_quarter"] = quarter_lean(moved, k)
-    assert expected.keys() == set(NAMES)
-    for name, value in zip(NAMES, features(course), strict=True):
+    assert expected.keys() == set(FEATURE_NAMES)
+    for name, value in zip(FEATURE_NAMES, features(course), strict=True):
         assert value == pytest.approx(expected[name], abs=1e-9), name
 
 
@@ -131,9 +131,9 @@ def test_left_and_right_hand_give_the_same_features():
 def test_a_hidden_hand_hides_only_its_own_features():
     gone = wave()
     gone[:, 0] = np.nan
-    values = dict(zip(NAMES, features(course_of(gone, BODY_PARTS, RATE)), strict=True))
+    values = dict(zip(FEATURE_NAMES, features(course_of(gone, BODY_PARTS, RATE)), strict=True))
     assert all(np.isnan(values[name]) for name in ("other_right", "other_up", "other_share", "bending_other"))
-    whole = dict(zip(NAMES, features(course_of(wave(), BODY_PARTS, RATE)), strict=True))
+    whole = dict(zip(FEATURE_NAMES, features(course_of(wave(), BODY_PARTS, RATE)), strict=True))
     assert values["rise_most"] > 0 and np.isfinite(values["acceleration"])
     assert np.sign(values["lean_last"]) == np.sign(whole["lean_last"])
 

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
 from observer.body import BodyFrame
-from observer.body_reach import LENGTHS, BodyReach
+from observer.body_reach import TORSO_LENGTHS, BodyReach
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 
 RATE = 15.0
@@ -87,7 +87,7 @@ def test_the_size_is_a_length_that_a_quarter_of_the_pairs_reach_third_largest_of
     sizes = []
     for _ in range(5):
         at = dict(zip(WHOLE_BODY, rng.normal(0, 50, (len(WHOLE_BODY), 2)), strict=True))
-        lengths = sorted(share * np.linalg.norm(at[a] - at[b]) for (a, b), share in LENGTHS.items())
+        lengths = sorted(share * np.linalg.norm(at[a] - at[b]) for (a, b), share in TORSO_LENGTHS.items())
         sizes.append(lengths[-1 - len(lengths) // 4])
         size = reach.update(np.array(list(at.values())))
     assert len(lengths) >= 12 and size == pytest.approx(sorted(sizes)[2])

@@ -13,7 +13,7 @@ from observer.body import BodyFrame
 from observer.features import (
     FEATURES_PER_PART,
     HANDS_FEATURES,
-    SLOW,
+    SLOW_DIRECTION,
     PostureReader,
     groups_of,
     soft_direction,
@@ -49,7 +49,7 @@ def oracle(centres, rate_hz=RATE):
             du, dv = (u - centres[n - 1][part][0], centres[n - 1][part][1] - v) if n else GONE
             du, dv = (d / size * rate_hz / 15 for d in (du, dv))
             speed = math.hypot(du, dv)
-            cut = max(speed, SLOW)
+            cut = max(speed, SLOW_DIRECTION)
             row += [(u - au) / size, (av - v) / size, du / cut * FAST, dv / cut * FAST, min(speed, FAST)]
         row += [(left[0] - right[0]) / size * WEIGHT**0.5, (right[1] - left[1]) / size * WEIGHT**0.5]
         rows.append(row)

@@ -15,7 +15,7 @@ from observer.features import PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
 from observer.learning.learn import learn_view
 from observer.model.chains import LivePostures, PostureEvidence, Postures, RestPostures
-from observer.model.phase import ENTRY, STEPS
+from observer.model.phase import ENTRY, STEP_SHARES
 from observer.motion.projected import view_tracks
 from studies.performer import perform
 
@@ -23,7 +23,7 @@ FACINGS, PHASES = 2, 8
 CELL_OF = np.array([0, 1, 2, 3, 3, 2, 4, 5])
 """Three movements at two facings; one has two chains at each."""
 MOVEMENTS = 3
-DYNAMICS = Dynamics(np.array(STEPS), np.array(ENTRY), begin=0.3, forget=0.2, abandon=0.3)
+DYNAMICS = Dynamics(np.array(STEP_SHARES), np.array(ENTRY), begin=0.3, forget=0.2, abandon=0.3)
 SEEDS = st.integers(0, 10_000)
 some = settings(max_examples=25, deadline=None)
 
@@ -56,7 +56,7 @@ def chain_filter(known, negligible=0.0):
     blind=st.sets(st.integers(0, 11)),
     facings=st.sampled_from([FACINGS, 1]),
     # Also at a frame rate so low that a step can be longer than the chain.
-    steps=st.sampled_from([STEPS, (0.0, *[0.05] * 20)]),
+    steps=st.sampled_from([STEP_SHARES, (0.0, *[0.05] * 20)]),
     under_way=st.sampled_from([0.0, 0.3]),
 )
 def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind, facings, steps, under_way):
@@ -91,7 +91,7 @@ def transitions():
     for c, f in chain_states:
         if f < len(ENTRY):
             table[0, place[c, f]] = DYNAMICS.begin * ENTRY[f] / len(count) / count[CELL_OF[c]]
-        for k, share in enumerate(STEPS):
+        for k, share in enumerate(STEP_SHARES):
             if f + k < PHASES:
                 table[place[c, f], place[c, f + k]] += share
             else:
@@ -210,7 +210,7 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
     chains, cell_of = model.arrays()["chains"], model.arrays()["movement_of"] * 4 + model.arrays()["facing_of"]
     postures, ends = Postures(chains.transpose(1, 2, 0)), [without_motion(chains[:, n]) for n in (0, -1)]
     at_rest = RestPostures(*ends, cell_of, (3, 4))
-    dynamics = Dynamics(np.array(STEPS), np.array(ENTRY), 0.05, 0.01)
+    dynamics = Dynamics(np.array(STEP_SHARES), np.array(ENTRY), 0.05, 0.01)
     counts: dict[float, list[int]] = {0.0: [], 1e-8: []}
     for recording in perform(("3",), labels, seed=4).recordings:
         exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in counts)

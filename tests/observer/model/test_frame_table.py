@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from plain_phase_filter import PhaseFilter
 
 from observer.filtering.chain_filter import Dynamics
-from observer.model.symbol_tables import SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
+from observer.model.symbol_tables import VECTOR_SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
 
 
 def random_table(rng, movements, bins, parts):
-    table = rng.dirichlet(np.full(SYMBOLS, 0.5), size=(movements, bins, parts)) + 1e-3
+    table = rng.dirichlet(np.full(VECTOR_SYMBOLS, 0.5), size=(movements, bins, parts)) + 1e-3
     return table / table.sum(-1, keepdims=True)
 
 
@@ -27,7 +27,7 @@ def test_counting_by_hand_with_dirichlet_smoothing():
 
 def test_symbols_without_counts_are_uniform():
     table = np.exp(learn_table([(np.full((4, 1), -1, dtype=np.int8), 0)], 1, 2, 0.1))
-    assert table == pytest.approx(np.full((1, 2, 1, SYMBOLS), 1 / SYMBOLS))
+    assert table == pytest.approx(np.full((1, 2, 1, VECTOR_SYMBOLS), 1 / VECTOR_SYMBOLS))
 
 
 @given(frames=st.integers(1, 60), bins=st.integers(1, 40))
@@ -70,7 +70,7 @@ def test_the_phase_filter_with_one_speed_equals_the_frame_table(seed, frames):
     one_phase_a_frame = Dynamics(steps=np.array([0.0, 1.0]), entry=np.ones(1), begin=0.1, forget=0.1)
     belief = PhaseFilter(np.arange(movements), phases, np.full(movements, 1 / movements), one_phase_a_frame, True)
     clock = FrameClock(movements, phases, frames=phases)
-    for symbols in rng.integers(-1, SYMBOLS, size=(frames, parts)).astype(np.int8):
+    for symbols in rng.integers(-1, VECTOR_SYMBOLS, size=(frames, parts)).astype(np.int8):
         clock.condition(log_evidence(table[:, clock.i], symbols))
         belief.step(log_evidence(table, symbols), -50.0)
         assert belief.p == pytest.approx(clock.p, abs=1e-9)

@@ -10,7 +10,7 @@ from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Header, Onset, with_defaults
 from observer.model.chains import resample_phases
-from observer.model.phase import STEPS, Phase, chain_dynamics, step_probabilities
+from observer.model.phase import STEP_SHARES, Phase, chain_dynamics, step_probabilities
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer
@@ -23,11 +23,11 @@ NAMES = Vocabulary(("raise", "wave"))
 def test_the_mean_number_of_phases_is_proportional_to_time(share):
     steps = step_probabilities(share)
     assert steps.sum() == pytest.approx(1) and (steps >= 0).all()
-    assert steps @ np.arange(len(steps)) == pytest.approx(share * np.dot(STEPS, range(len(STEPS))))
+    assert steps @ np.arange(len(steps)) == pytest.approx(share * np.dot(STEP_SHARES, range(len(STEP_SHARES))))
 
 
 def test_one_fifteenth_of_a_second_is_a_step():
-    np.testing.assert_allclose(step_probabilities(1.0), STEPS)
+    np.testing.assert_allclose(step_probabilities(1.0), STEP_SHARES)
 
 
 def test_probabilities_per_fifteenth_of_a_second_become_those_per_frame():

@@ -23,7 +23,7 @@ from observer.model.logistic import LogisticRegression
 from observer.model.stacked import Stacked
 from observer.model.stacker import LOWEST
 from observer.model.training_rows import (
-    FRACTIONS,
+    LEARNED_FRACTIONS,
     RECOGNISABLE,
     another_take,
     between_rests,
@@ -233,7 +233,7 @@ def test_the_people_left_out_are_watched_as_a_person_is_later(examples, watched)
     for n in fold[:2]:
         own = by_example[n]
         shown = [row for row in own if row.truth >= 0]
-        assert [row.progress for row in shown] == pytest.approx([*FRACTIONS, np.inf])
+        assert [row.progress for row in shown] == pytest.approx([*LEARNED_FRACTIONS, np.inf])
         assert sum(row.weight for row in shown) == pytest.approx(1)
         assert {row.truth for row in shown} == {examples[n].movement}
         faint = [row for row in own if row.truth < 0]

@@ -20,7 +20,7 @@ from common.wire import encode
 from observer.camera.files import Video
 from observer.preview import clip_folder
 from observer.preview.clip_folder import DAY_NS, MB, ClipFolder
-from observer.preview.clips import PENDING_LIMIT, VerdictClips
+from observer.preview.clips import PENDING_CLIPS_LIMIT, VerdictClips
 from observer.preview.motion_jpeg import motion_jpeg
 from observer.preview.shown_pictures import PicturedObserver
 from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
@@ -93,10 +93,10 @@ def test_verdicts_of_no_movement_and_floods_make_no_files(stage, tmp_path, caplo
     stage.play(1)
     for number in range(100):
         stage.decide(verdict(number, f"forged_{number}"))
-    for number in range(100, 100 + 2 * PENDING_LIMIT):
+    for number in range(100, 100 + 2 * PENDING_CLIPS_LIMIT):
         stage.decide(verdict(number))
     stage.play(0.1)
-    assert stage.clips.left_out == 100 + PENDING_LIMIT
+    assert stage.clips.left_out == 100 + PENDING_CLIPS_LIMIT
     stage.clips.close()
     assert all("_wave_" in path.name for path in (tmp_path / "clips").iterdir())
     assert sum("none of its movements" in line for line in caplog.messages) == 1

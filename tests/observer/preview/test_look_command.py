@@ -118,7 +118,7 @@ def test_the_rate_of_a_live_camera_is_measured(run, monkeypatch):
 
 
 def test_a_camera_without_pictures_is_one_line_with_its_reason(run, monkeypatch, tmp_path):
-    monkeypatch.setattr(looking, "TIMEOUT_S", 0.3)
+    monkeypatch.setattr(looking, "CAMERA_RESERVE_S", 0.3)
 
     def refuse():
         raise CameraFault("cannot be opened")

@@ -11,12 +11,12 @@ from observer_stage import rejected
 
 from observer.features import VectorSymbol
 from observer.preview.drawing import (
-    COLOURS,
     FOLLOWED,
     OTHER,
     PLAIN,
-    RADIUS,
+    RING_PX,
     SIZE,
+    STATE_COLOUR,
     PaintingLayout,
     Placement,
     fitting,
@@ -24,7 +24,17 @@ from observer.preview.drawing import (
     width_of,
     wrapped,
 )
-from observer.preview.painting import ARROW, BAR, REST, STILL_DOT, WINNER, bar_ends, draw_posterior, draw_symbol, paint
+from observer.preview.painting import (
+    ARROW,
+    BAR,
+    REST_COLOUR,
+    STILL_DOT,
+    WINNER,
+    bar_ends,
+    draw_posterior,
+    draw_symbol,
+    paint,
+)
 from observer.preview.sight import PreviewHistory, ShownPosterior
 from observer.tracks import BODY_PARTS, Outline, SeenPeople, State, Tracks
 
@@ -42,7 +52,7 @@ def pixels(picture, colour):
     return int((picture == np.array(colour, np.uint8)).all(axis=-1).sum())
 
 
-def around(canvas, position, box, half=RADIUS + 4):
+def around(canvas, position, box, half=RING_PX + 4):
     x, y = (round(float(n)) for n in position)
     return box.cut(canvas)[max(y - half, 0) : y + half, max(x - half, 0) : x + half]
 
@@ -53,7 +63,7 @@ def test_a_seen_part_has_its_mark_at_its_centre(size):
     canvas = paint(np.full((*size, 3), 90, np.uint8), frame_of(centres))
     box = PaintingLayout.of(size[1], size[0]).picture
     for position in Placement.of_picture(size[1], box).px(centres):
-        assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == COLOURS[State.SEEN]
+        assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == STATE_COLOUR[State.SEEN]
 
 
 def test_an_unsure_part_has_an_empty_ring_at_its_guess():
@@ -63,7 +73,7 @@ def test_an_unsure_part_has_an_empty_ring_at_its_guess():
     canvas = paint(GREY, frame_of(centres, guesses))
     position = Placement.of_picture(640, box).px(guesses)[0]
     near = around(canvas, position, box)
-    assert pixels(near, COLOURS[State.UNSURE]) > 20 and not pixels(near, COLOURS[State.SEEN])
+    assert pixels(near, STATE_COLOUR[State.UNSURE]) > 20 and not pixels(near, STATE_COLOUR[State.SEEN])
     assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == (90, 90, 90)
 
 
@@ -84,7 +94,7 @@ def test_a_missing_part_is_only_in_the_legend():
     assert (layout.picture.cut(missing) == 90).all()
     for state, there, not_there in ((State.MISSING, missing, seen), (State.SEEN, seen, missing)):
         legend = layout.panel.cut(there)[60:150], layout.panel.cut(not_there)[60:150]
-        assert [pixels(each, COLOURS[state]) > 20 for each in legend] == [True, False]
+        assert [pixels(each, STATE_COLOUR[state]) > 20 for each in legend] == [True, False]
 
 
 def test_a_trail_has_gaps_where_the_part_was_not_seen():
@@ -95,7 +105,7 @@ def test_a_trail_has_gaps_where_the_part_was_not_seen():
         history = PreviewHistory(BODY_PARTS, 5.0)
         for u in (300.0, 330.0, at_middle, 390.0, 420.0):
             frame = history.add(Tracks(STANDING - [[420.0 - u, 0.0], [0, 0], [0, 0]]))
-        counts.append(pixels(around(paint(GREY, frame), middle, box, 4), COLOURS[State.SEEN]))
+        counts.append(pixels(around(paint(GREY, frame), middle, box, 4), STATE_COLOUR[State.SEEN]))
     assert counts[0] > 3 and counts[1] == 0
 
 
@@ -118,7 +128,9 @@ def bar_lengths(posterior, width=480):
     canvas = np.zeros((400, width, 3), np.uint8)
     draw_posterior(canvas, posterior, 0)
     left, right = bar_ends(width)
-    rows = [row for row in canvas[:, left:right] if any((row[0] == colour).all() for colour in (BAR, WINNER, REST))]
+    rows = [
+        row for row in canvas[:, left:right] if any((row[0] == colour).all() for colour in (BAR, WINNER, REST_COLOUR))
+    ]
     starts = [n for n, row in enumerate(rows) if n == 0 or not (row == rows[n - 1]).all()]
     return [int((rows[n] == rows[n][0]).all(axis=1).sum()) for n in starts], right - left
 
@@ -172,7 +184,7 @@ def test_recorded_motion_keeps_its_proportions():
     canvas = paint(None, frame)
     px = Placement.of_motion(frame.extent, box).px(metres)
     for position in px:
-        assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == COLOURS[State.SEEN]
+        assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == STATE_COLOUR[State.SEEN]
     assert (px[0, 0] - px[1, 0]) / (px[0, 1] - px[2, 1]) == pytest.approx(0.6 / 0.7)
 
 
@@ -215,6 +227,6 @@ def test_wrapping_loses_no_word(text, lines):
 
 
 def test_colours_of_states_differ_in_grey():
-    colours = np.array([[COLOURS[state] for state in State]], np.uint8)
+    colours = np.array([[STATE_COLOUR[state] for state in State]], np.uint8)
     grey = np.sort(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY).ravel().astype(int))
     assert np.diff(grey).min() > 25

@@ -11,7 +11,7 @@ from observer_stage import rejected
 
 from observer.features import VectorSymbol
 from observer.preview.drawing import SIZE, PaintingLayout, Placement
-from observer.preview.sight import SYMBOLS, TRAIL, PreviewHistory, ShownPosterior
+from observer.preview.sight import SYMBOL_FRAMES, TRAIL, PreviewHistory, ShownPosterior
 from observer.tracks import BODY_PARTS, Tracks
 
 STANDING = np.array([[200.0, 200.0], [100.0, 200.0], [150.0, 50.0]])
@@ -33,7 +33,7 @@ def test_symbols_trail_and_frame_number():
 
 def test_the_history_is_bounded():
     frame = frame_after(*[STANDING] * 60)
-    assert len(frame.symbols) == SYMBOLS and len(frame.trail) == TRAIL and frame.frame == 59
+    assert len(frame.symbols) == SYMBOL_FRAMES and len(frame.trail) == TRAIL and frame.frame == 59
 
 
 def test_the_extent_grows_and_contains_all_motion():

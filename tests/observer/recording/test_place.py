@@ -13,12 +13,12 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.motion.placing import placed
 from observer.recording.commands import place
-from observer.recording.person_placement import TRUNK, seen_person
+from observer.recording.person_placement import SHOULDERS_AND_HIPS, seen_person
 from observer.recording.reconstruction import CameraTracks
 from observer.tracks import BODY_PARTS
 
 STANDING = PersonPlacement(0.6, -0.4, 1.5, 75.0)
-PARTS = (*BODY_PARTS, *TRUNK)
+PARTS = (*BODY_PARTS, *SHOULDERS_AND_HIPS)
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0.6, 0.9, -0.4)) for yaw in (-50, 0, 45, 120)]
 
 
