@@ -1,4 +1,7 @@
-"""The segment of a stream since the begin of a movement, which stillness before the movement shows. Pure.
+"""The segment of a stream since the begin of a movement, which rest before the movement shows. Pure.
+
+It ends where the person is still, in whatever posture, and goes on if they go on before they have rested. Trembling in
+the rest after a movement begins a segment, too, which is no movement: `MovementBefore` keeps the belief until then.
 
 People also go from one movement into the next without rest. The begin of the next one is then unknown, and the segment
 is no longer used: in continuous karate the classifier of segments is right in 18 % of the frames whose movement began
@@ -23,20 +26,22 @@ SURE = 0.8
 
 
 class MovementSegment:
-    """Begins when rest ends, and is over while the person rests after it; unknown once the next movement has begun.
+    """Begins when rest ends, and is over while the person is still after it; unknown once the next movement has begun.
 
-    begun: frames since its begin, None while that is unknown; over: whether the person rests after it. lag: frames by
-    which stillness is noticed late. onset_known: the first frame is the begin of one movement; otherwise it is taken
-    for it until the person has rested, because a film may begin in a movement. longest: frames of the longest segment.
+    begun: frames from its begin to now or to its end, None while the begin is unknown; over: whether the person is
+    still after it; ended: frames since then. number: of segments that began before it. lag: frames by which stillness
+    is noticed late. onset_known: the first frame is the begin of one movement; otherwise it is taken for it until the
+    person has rested, because a film may begin in a movement. longest: frames of the longest segment.
     """
 
     def __init__(self, rate_hz: float, onset_known: bool, longest: float) -> None:
         self.begun: int | None = 0
-        self.over = False
+        self.over, self.ended, self.number = False, 0, 0
         self.lag = max(round(STILL_LAG_S * rate_hz), 1)
         self._longest = longest
-        self._moved, self._moved_before = False, not onset_known
-        self._rested, self._single = 0, onset_known
+        # Whether the person has moved in the segment, and whether they did anything but rest in the stream.
+        self._moves, self._moved, self._moved_before = False, False, not onset_known
+        self._rested, self._still, self._single = 0, 0, onset_known
         # Whether a movement was shown in the segment, and for how many frames in a row something else after it.
         self._shown, self._otherwise = False, 0
         self._past_frames = PAST_S * rate_hz
@@ -44,26 +49,32 @@ class MovementSegment:
         self._first: int | None = None
         self._sure, self._sure_frames = -1, 0
 
-    def update(self, resting: bool, answers: Floats, stored: int) -> None:
-        """Take in one more frame: whether the person rests in it, and the answers of the trailing windows.
+    def update(self, resting: bool, still: float, answers: Floats, stored: int) -> None:
+        """Take in one more frame: whether the person rests in it, P(still), and the answers of the trailing windows.
 
         answers: (M + 1,) probabilities, something else last. stored: the number of frames whose rows are stored.
         """
         self._moved = self._moved or not resting
+        self._still = self._still + 1 if still > 0.5 else 0
         if self.begun is not None:
-            self.over = resting and self._moved
-            self.begun += not self.over
+            self._moves = self._moves or still < 0.5
+            self.over = (self._moved and resting) or (self._moves and self._still > self._past_frames)
+            # A movement that goes on after a pause has lasted through it.
+            self.begun += 0 if self.over else 1 + self.ended
+            self.ended = self.ended + 1 if self.over else 0
             is_next = self._is_shown_again(resting, float(answers[-1])) or self._is_another(answers)
             if self.begun > min(self._longest, stored) or (is_next and not self._single):
                 self.begun = None
         if self._rested >= self.lag and not self._moved and self._moved_before:
             self.begun = None
-        if self._rested >= self.lag and not resting and self._moved_before:
-            self.begun, self.over = min(self.lag, stored), False
+        if self._rested >= self.lag and still < 0.5 and self._moved_before:
+            self.begun, self.over, self.ended, self.number = min(self.lag, stored), False, 0, self.number + 1
+            self._moves = True
             self._shown, self._otherwise, self._first, self._single = False, 0, None, False
         if resting and self._moved:
             self._moved_before = True
-        self._rested = self._rested + 1 if resting else 0
+        # Somebody who is still has not ended their rest, whatever their posture looks like.
+        self._rested = self._rested + resting if still >= 0.5 else 0
 
     def _is_another(self, answers: Floats) -> bool:
         """Whether another movement is named than at first."""
@@ -89,5 +100,33 @@ class MovementSegment:
 
     def rows_of(self, rows: NDArray[T]) -> NDArray[T]:
         """(F, C) rows of the stream until now -> those of the segment; none where no begin is known."""
-        begun, rested = self.begun or 0, self._rested if self.over else 0
-        return rows[-begun - rested :][:begun]
+        end = max(len(rows) - self.ended, 0)
+        return rows[max(end - (self.begun or 0), 0) : end]
+
+
+class MovementBefore:
+    """What was believed when a segment began; it stands in rest as far as the segment is no movement.
+
+    With e the least P(something else) of the segment's instants and r = P(rest now), either the segment is a movement,
+    1 - e, or nothing has begun and the person still rests, e r:
+
+        p = ((1 - e) p_segment + e r p_before) / (1 - e + e r)
+    """
+
+    def __init__(self) -> None:
+        self._p: Floats | None = None
+        self._nothing = 1.0
+
+    def begin(self, p: Floats) -> None:
+        """A segment begins; p: (M,) the belief until then."""
+        self._p, self._nothing = p, 1.0
+
+    def mixed(self, p: Floats, something_else: float, rest: float) -> Floats:
+        """(M,) from what the segment shows: p (M,) of the movements, P(something else), and P(rest)."""
+        if self._p is None:
+            return p
+        self._nothing = min(self._nothing, something_else)
+        nothing = self._nothing * rest
+        share = nothing / (1 - self._nothing + nothing) if nothing else 0.0
+        result: Floats = (1 - share) * p + share * self._p
+        return result

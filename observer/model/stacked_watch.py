@@ -12,7 +12,7 @@ from common.posterior import Repeated
 from observer.features import REFERENCE_HZ
 from observer.model.base import Onset, Watch
 from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
-from observer.model.movement_segment import MovementSegment
+from observer.model.movement_segment import MovementBefore, MovementSegment
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
 from observer.model.repetitions import RepetitionCounter
@@ -31,6 +31,7 @@ class StackedWatch(Watch):
         self._model = model
         self._trace = BodyTrace(header.body_parts, header.rate_hz, model.usual_posture)
         self._segment = MovementSegment(header.rate_hz, onset.known, model.longest_segment)
+        self._before, self._followed = MovementBefore(), -1
         self._repetitions = RepetitionCounter(model.oscillations, header.rate_hz) if model.oscillations else None
         self._phase: PhaseWatch | None = None
         self._nearest: NearestTakeWatch | None = None
@@ -46,12 +47,14 @@ class StackedWatch(Watch):
         self._hop, self._left = hop_of(header.rate_hz), 0
         # Before the first classification there is only the prior, in which something else is one answer of M + 1.
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
-        # Of the segment's rows, which remain the same while the person rests after it.
-        self._segment_rows, self._elapsed = self._rows, 1.0
+        # Of the segment's rows, which remain the same while the person is still after it.
+        self._segment_rows, self._elapsed, self._judged_over = self._rows, 1.0, False
         self._log_segment: Floats | None = None
         self._answers: Floats = np.append(np.zeros(movements), 1.0)
         self._judged: Floats = np.full(movements, 1 / movements)
         self._something_else = 1 / (movements + 1)
+        # ln P(movement | one of them) by the trailing windows when the person stopped; None while they move.
+        self._log_moved: Floats | None = None
         self._kept = (1 - header.parameters["forget"]) ** (REFERENCE_HZ / header.rate_hz)
         """The share that is left after a frame that does not show it, of the posterior and of a facing."""
         self._doubt = 1.0
@@ -84,7 +87,7 @@ class StackedWatch(Watch):
 
     def _take(self, tracks: Tracks) -> bool:
         """Take in one frame; whether anything is seen in it."""
-        row, frame, begun = self._trace.update(tracks), self._trace.frame, self._segment.begun
+        row, frame = self._trace.update(tracks), self._trace.frame
         seen = bool(tracks.visible.any())
         resting = self.rest >= 0.5
         if self._repetitions is not None:
@@ -95,21 +98,25 @@ class StackedWatch(Watch):
             if self._sights is not None:
                 self._sights.append(tracks.visible)
             self._trailing.update(row)
-            self._segment.update(resting, self._answers, len(self._rows))
+            self._segment.update(resting, frame.still, self._answers, len(self._rows))
             self._left -= 1
         else:
             self._doubt = 1 - (1 - self._doubt) * self._kept
         self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
         if seen:
-            self._follow(begun)
+            self._follow()
+            self._hold(frame.still)
         return seen
 
-    def _follow(self, before: int | None) -> None:
-        """One more frame for the members that watch since the begin; before: the segment's frames before this one."""
-        begun = self._segment.begun
+    def _follow(self) -> None:
+        """One more frame for the members that watch since the begin."""
+        begun, number = self._segment.begun, self._segment.number
         if begun is None:
             self._phase = self._nearest = None
-        elif self._phase is None or (before is None or begun < before):
+        elif self._phase is None or number > self._followed:
+            if number > 0:
+                self._before.begin(self._judged)
+            self._followed = number
             self._phase = self._model.phase.watch(Onset(known=True))
             for features, still in list(self._recent)[-begun:]:
                 self._phase.step(features, still)
@@ -127,27 +134,46 @@ class StackedWatch(Watch):
 
     def _classify(self, over: bool) -> None:
         model = self._model
-        self._log_trailing = model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
-        self._answers = np.exp(self._log_trailing)
-        rows = self._segment.rows_of(self._rows)
+        self._log_trailing = shown = self._trailing_answers()
+        self._answers = np.exp(shown)
+        if self._log_moved is not None:
+            shown = np.append(self._log_moved + np.logaddexp.reduce(shown[:-1]), shown[-1])
+        segment = self._segment
+        rows = segment.rows_of(self._rows)
         if not len(rows):
             self._log_segment, self._elapsed = None, 1.0
-        elif not np.array_equal(rows, self._segment_rows):
+        elif not (segment.over and self._judged_over) and not np.array_equal(rows, self._segment_rows):
             self._log_segment = model.segments.log_posteriors(rows).astype(float)
             running = np.exp(self._log_segment[0] - self._log_segment[0].max())
             self._elapsed = len(rows) / float(running @ model.lengths / running.sum())
-        self._segment_rows = rows
+        self._segment_rows, self._judged_over = rows, segment.over
+        since = len(self._rows) if segment.begun is None else max(segment.begun + segment.ended, 1)
         self.instant = instant_of(
             None if self._phase is None else self._phase.p,
-            self._log_trailing,
+            shown,
             self._log_segment,
             None if self._nearest is None else self._nearest.relative_distances,
-            extent(self._rows, model.header.rate_hz) / model.extents,
+            extent(self._rows[-since:], model.header.rate_hz) / model.extents,
             over,
             self._elapsed,
         )
-        self._judged, something_else = model.stacker.judge(self.instant)
+        judged, something_else = model.stacker.judge(self.instant)
         self._something_else = float(something_else)
+        self._judged = self._before.mixed(judged, self._something_else, self.rest) if len(rows) else judged
+
+    def _hold(self, still: float) -> None:
+        """Who is still shows no other movement than when they stopped."""
+        stopped = self._segment.over if self._segment.begun is not None else still > 0.5
+        if not stopped:
+            self._log_moved = None
+        elif self._log_moved is None:
+            movements = self._trailing_answers()[:-1]
+            self._log_moved = movements - np.logaddexp.reduce(movements)
+
+    def _trailing_answers(self) -> Floats:
+        """(M + 1,) ln P by the windows that end now, something else last."""
+        answers: Floats = self._model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
+        return answers
 
     @property
     def p(self) -> Floats:
