@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
     from observer.preview.small_picture import Sighting
-    from observer.tracking.registry import TrackerKind
+    from observer.tracking.tracker_kind import TrackerKind
     from observer.tracks import FrameSource, Tracker
 
 SHOWN_PX = 320
@@ -144,7 +144,8 @@ def _tracker(
 ) -> "tuple[Tracker, TrackerChoice]":
     """The tracker, and the choice as it came out."""
     from observer.geometry.views import parse_view
-    from observer.tracking.registry import TrackerSettings, built_tracker
+    from observer.tracking.registry import built_tracker
+    from observer.tracking.tracker_kind import TrackerSettings
     from observer.tracks import BODY_PARTS
 
     # From behind, camshift takes the hand on the right of the picture for the right one.

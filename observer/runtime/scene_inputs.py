@@ -30,7 +30,8 @@ from observer.motion.projected_people import has_several
 from observer.runtime.people_followed import people_followed
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.start_barrier import BARRIER, StartBarrier
-from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
+from observer.tracking.registry import built_tracker, tracker_named
+from observer.tracking.tracker_kind import TrackerSettings
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, FrameSource
 
 log = logging.getLogger("labanmesh.observer")

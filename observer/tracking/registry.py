@@ -1,49 +1,17 @@
 """All trackers by name: the content that each reads, and how it is built from an observer's section."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Mapping
 
-from common.config import ObserverConfig
 from common.errors import BadInput, LabanmeshError
 from common.plugins import plugin, plugins
 from common.text import nearest
 from common.tracker_choice import AUTO, Content, TrackerChoice
 from observer.foreign.track_line import ForeignTracker
-from observer.geometry.views import View, facing
+from observer.geometry.views import facing
 from observer.motion.projected import ProjectedTracker
 from observer.motion.projected_people import ProjectedPeople
+from observer.tracking.tracker_kind import TrackerKind, TrackerSettings
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracker
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerSettings:
-    """Arguments of a tracker. recorded: names of the rows of positions or tracks. wanted: parts that the model reads.
-
-    place: from the name of a file in the scene file to its path. smooth: tracks may be smoothed as they come, by which
-    they lag; recordings are smoothed afterwards. most: how many people are followed.
-    """
-
-    view: View
-    recorded: Sequence[str]
-    wanted: Sequence[str]
-    section: ObserverConfig
-    place: Callable[[str], Path]
-    smooth: bool = True
-    most: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerKind:
-    """An entry of the registry. build: raises BadInput for settings that the tracker cannot use.
-
-    finds: the parts that it can find; () if these are the source's.
-    """
-
-    name: str
-    reads: Content
-    build: Callable[[TrackerSettings], Tracker]
-    finds: tuple[str, ...] = ()
 
 
 def _projected(settings: TrackerSettings) -> Tracker:

@@ -14,7 +14,8 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.tracking.registry import TRACKERS, TrackerSettings, tracker_named
+from observer.tracking.registry import TRACKERS, tracker_named
+from observer.tracking.tracker_kind import TrackerSettings
 from observer.tracks import BODY_PARTS, Frame, State
 
 DOOR = parse_view("door")

@@ -22,7 +22,8 @@ from fusion.engine.pooling import (
     pool_posteriors,
     pool_steps,
 )
-from fusion.engine.rules import DEFAULT_RULE, RULES, averaged_log_mix, get_rule
+from fusion.engine.pools import averaged_log_mix
+from fusion.engine.rules import DEFAULT_RULE, RULES, get_rule
 
 ALL = list(RULES.values())
 LINEAR = [RULES[name] for name in ("inverse_entropy", "min_entropy", "linear")]

@@ -1,0 +1,116 @@
+"""What fusion rules are made of: weights from certainty, and mixes of posteriors. Pure.
+
+Shapes: p (N, M) posteriors, one row per observer, each summing to 1; prior (M,), positive; cells (N, M, K) posteriors
+over the movements and a second variable of K values.
+
+Weights by certainty: the paper says "weighted by certainty" and gives no formula (section V.B). Inverse entropy is this
+project's reading, after Misra, Bourlard and Tyagi, "New entropy based combination rules in HMM/ANN multi-stream ASR",
+ICASSP 2003.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from common.probability import SMALLEST, Floats, entropy_bits, softmax
+from fusion.engine.weighing import ENTROPY_FLOOR_BITS, ObserverTrust, PoolingWeights, Weigh
+
+# Weights
+
+
+def inverse_entropy(entropies: Floats) -> Floats:
+    """(N,) bits -> (N,) weights w_i = (1/H_i) / sum_j (1/H_j), with H_i not below ENTROPY_FLOOR_BITS."""
+    inverse = 1.0 / np.maximum(entropies, ENTROPY_FLOOR_BITS)
+    weights: Floats = inverse / inverse.sum()
+    return weights
+
+
+def minimum_entropy(entropies: Floats) -> Floats:
+    """The most certain observer counts alone; equally certain ones share."""
+    most_certain = entropies <= entropies.min() + 1e-12
+    weights: Floats = most_certain / most_certain.sum()
+    return weights
+
+
+def equal_weights(values: Floats) -> Floats:
+    """(N,) anything -> (N,) the same weight for every observer."""
+    return np.full(len(values), 1.0 / len(values))
+
+
+def by_entropy(weights_of: Callable[[Floats], Floats]) -> Weigh:
+    """Weights from the entropies alone."""
+
+    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
+        weights = weights_of(entropy_bits(p))
+        return PoolingWeights(weights, np.zeros(len(p)), weights)
+
+    return weigh
+
+
+def same_exponent(exponent: Callable[[int], float]) -> Weigh:
+    """The same exponent for every observer, a function of their number."""
+
+    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
+        return PoolingWeights(np.full(len(p), exponent(len(p))), np.zeros(len(p)), equal_weights(p[:, 0]))
+
+    return weigh
+
+
+# Mixes
+
+
+def linear_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
+    """P = sum_i w_i p_i; lies between the smallest and the largest p_i."""
+    mixed: Floats = np.tensordot(weighed.exponents, cells, 1)
+    pooled: Floats = mixed / mixed.sum()
+    return pooled
+
+
+def log_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
+    """P proportional to prior prod_i (p~_i/prior)^w_i, p~ = (1-eps) p + eps prior.
+
+    - w = 1/N, eps = 0: the log pool, idempotent, and externally Bayesian because the weights sum to 1.
+    - w = 1, eps = 0: Bayes' rule for independent observers that share the prior.
+    """
+    if cells.shape[-1] == 1:
+        log_ratio = _log_ratio(cells[..., 0], prior, weighed.epsilon)
+        logs = np.log(prior) + (weighed.exponents[..., None, :] @ log_ratio)[..., 0, :]
+        return softmax(logs)[..., None]
+    log_ratio = np.tensordot(weighed.exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
+    return softmax((np.log(prior)[:, None] + log_ratio).reshape(-1)).reshape(log_ratio.shape)
+
+
+def averaged_log_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
+    """The average of `log_mix` over the hypotheses of `weighed`, by their probabilities (guarded_product.py)."""
+    hypotheses = np.ones(1) if weighed.hypotheses is None else weighed.hypotheses
+    if cells.shape[-1] == 1:
+        log_ratio = _log_ratio(cells[..., 0], prior, weighed.epsilon)
+        pooled = softmax(np.log(prior) + weighed.exponents @ log_ratio)
+        return (hypotheses[..., None, :] @ pooled)[..., 0, :, None]
+    log_ratio = np.tensordot(weighed.exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
+    logs = (np.log(prior)[:, None] + log_ratio).reshape(len(hypotheses), -1)
+    return (hypotheses @ softmax(logs)).reshape(log_ratio.shape[1:])
+
+
+def _log_ratio(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
+    """(..., N, M) ln(p~/prior), the log likelihood up to a constant per observer. epsilon (..., N)."""
+    return _safe_log((1 - epsilon)[..., None] * (p / prior) + epsilon[..., None])
+
+
+def _joint_log_ratio(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
+    """(N, M, K) ln of p~ over the prior.
+
+    eps is mixed into the movements and, within each movement, into the second variable. It therefore bounds the
+    influence of one observer on the movement as it does without K.
+    """
+    p, size = cells.sum(axis=2), cells.shape[2]
+    inside = np.where(p[:, :, None] > 0, cells / np.maximum(p, SMALLEST)[:, :, None], 1.0 / size)
+    robust = (1 - epsilon)[:, None, None] * inside * size + epsilon[:, None, None]
+    log_ratio: Floats = _log_ratio(p, prior, epsilon)[:, :, None] + _safe_log(robust)
+    return log_ratio
+
+
+def _safe_log(p: Floats) -> Floats:
+    """ln p, finite also for 0."""
+    logs: Floats = np.log(np.maximum(p, SMALLEST))
+    return logs
