@@ -11,7 +11,7 @@ from common.config import read_scene
 from common.vocabulary import Vocabulary
 from labanmesh import main
 from observer.motion.archive import MotionArchive, Recording
-from observer.motion.archive_file import read_archive
+from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import csv_table
 from observer.tracks import BODY_PARTS, Frame
 
@@ -117,7 +117,7 @@ def test_the_examples_of_tests_pass(place, laban_scene):
     test(laban_scene)
 
 
-def test_the_other_examples_of_extensions_work(tmp_path):
+def test_the_other_examples_of_extensions_work(tmp_path, capsys):
     pooled = extension("quadratic_mean")["RULE"].pool(np.array([[0.6, 0.4], [0.6, 0.4]]), np.full(2, 0.5))
     assert pooled.p == pytest.approx([0.6, 0.4])
     np.save(tmp_path / "wave-anna-1.npy", np.zeros((4, 3, 3)))
@@ -131,3 +131,6 @@ def test_the_other_examples_of_extensions_work(tmp_path):
     lamp[2, 5] = 255
     assert brightest.update(Frame(0, lamp)).centres.tolist() == [[5, 2]]
     assert "print_verdicts" in extension("print_verdicts")
+    write_archive(tmp_path / "a.npz", MotionArchive(BODY_PARTS, (recording,)))
+    extension("def lengths")["lengths"](tmp_path / "a.npz")
+    assert capsys.readouterr().out == "wave anna 0.1 s\n"

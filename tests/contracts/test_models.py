@@ -197,6 +197,8 @@ def test_a_broken_model_file_is_one_clear_line(kind, archive, tmp_path):
 
 
 def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
+    if not model.PARAMETERS:
+        pytest.skip("this model has no parameters")
     path = tmp_path / "a.model"
     model.header.parameters.pop(missing := next(iter(model.PARAMETERS)))
     try:
@@ -244,13 +246,18 @@ DAMAGE = {
     "a list": {"header_changes": "[]"},
     "deep JSON": {"header_changes": "[" * 100_000},
     "NaN in its arrays": {"chains": with_nan, "log_table": with_nan, "ended_weights": with_nan},
-    "other shapes": {"chains": lambda a: a[:, :, :-1], "log_table": lambda a: a[:-1], "ended_weights": lambda a: a[1:]},
+    "other shapes": {"chains": lambda a: a[..., :-1], "log_table": lambda a: a[:-1], "ended_weights": lambda a: a[1:]},
     "parameter": {"header_changes": lambda h: h["parameters"].update(begin=7.0, smoothing=-1.0, kernels=1.0)},
 }
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_damaged_model_file_is_one_clear_line(model, tmp_path, damage):
+    if damage is DAMAGE["parameter"] and not model.PARAMETERS:
+        pytest.skip("this model has no parameters")
+    arrays = [name for name in damage if name != "header_changes"]
+    if arrays and not {*arrays} & model.arrays().keys():
+        damage = {next(iter(model.arrays())): damage[arrays[0]]}  # of a model that is not named there
     path = tmp_path / "a.model"
     write_model(path, model)
     rewritten(path, **damage)
