@@ -15,7 +15,7 @@ BY_THE_CLOCK = {"attacks", "deploy", "e2e", "examples", "faults", "hub", "integr
 """Folders of tests that start processes and wait for them: they need little of a processor, and need it at once."""
 
 NICE = 5
-"""What a calculation beside tests by the clock leaves them: a third of its weight, by the scheduler's table of 1.25 a step."""
+"""Steps of priority that a calculation leaves to tests by the clock: of a core that they share it gets a quarter."""
 
 # Before NumPy is imported: the workers, and the processes that tests start, would fight for the cores.
 for _library in ("OMP", "OPENBLAS", "MKL"):

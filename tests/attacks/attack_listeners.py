@@ -11,7 +11,7 @@ from fault_processes import Process
 from mqtt_stage import Broker, Listener, mosquitto
 from processes import labanmesh
 
-SOON_S = 20.0
+SOON_S = 40.0
 MS = 1_000_000
 
 

@@ -30,7 +30,7 @@ for n in range(count):
         print(n + 1, flush=True)
 sys.stdin.read()
 """
-SOON_S = 20.0
+SOON_S = 40.0
 
 
 @pytest.fixture

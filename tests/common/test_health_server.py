@@ -7,6 +7,7 @@ import time
 from types import SimpleNamespace
 
 import pytest
+from processes import SOON_S
 
 from common import health_server
 from common.address import Address
@@ -61,7 +62,7 @@ def test_without_descriptors_it_does_not_spin(server, monkeypatch, caplog):
         raise OSError(errno.EMFILE, "Too many open files")
 
     monkeypatch.setattr(health_server.TCPServer, "get_request", lambda self: no_descriptors())
-    with socket.create_connection(server.server_address[:2], 5):
-        assert paused.wait(5)
+    with socket.create_connection(server.server_address[:2], SOON_S):
+        assert paused.wait(SOON_S)
     assert attempts[2] - attempts[0] >= 0.04
     assert "cannot accept a connection: too many open files" in caplog.text

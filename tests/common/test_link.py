@@ -8,6 +8,7 @@ import threading
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import SOON_S
 
 from common.inbox import Inbox, Presence
 from common.link import end_lingering
@@ -27,8 +28,8 @@ def test_wake_ends_a_wait():
     waiting = threading.Thread(target=lambda: (inbox.take(60), taken.set()))
     waiting.start()
     inbox.wake()
-    assert taken.wait(5)
-    waiting.join(5)
+    assert taken.wait(SOON_S)
+    waiting.join(SOON_S)
 
 
 def test_presence_waits_for_tokens_that_appear_and_go():

@@ -19,7 +19,7 @@ from labanmesh_testing.stub_observer import StubObserver
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = ("subscriber.py", "robot.py", "observer.py")
-SOON_S = 30.0
+SOON_S = 40.0
 SCENE = """
 scene = "dojo"
 vocabulary = ["lunging", "byebye"]

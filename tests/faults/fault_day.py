@@ -24,7 +24,7 @@ REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
 OBSERVERS = ("cam1", "cam2", "cam3", "cam4")
 ROUND_S, MOVES_S = 20, 3
 """Every 20 s a movement of 3 s, each label in turn."""
-SOON_S = 20.0
+SOON_S = 40.0
 
 
 @dataclass(frozen=True)

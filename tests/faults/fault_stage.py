@@ -14,13 +14,15 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from fault_hearing import is_unheard
 from fault_processes import SOON_S, Process
 from once import made_once
 from processes import labanmesh
 
 from benchmarks.timing import free_port
 from common import SECOND_NS
-from common.vocabulary import Vocabulary
+from common.config_sections import default_quorum
+from common.vocabulary import ABSTAIN, Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.model_file import write_model
@@ -289,8 +291,11 @@ def tally(performed, verdicts):
     return Tally(list(performed), ids, labels, stages)
 
 
-def judged(stage, witness, movements, since_ns=None):
-    """Asserts that the next so many movements, from now or `since_ns`, have one verdict each, with their label."""
+def judged(stage, witness, movements, since_ns=None, *, lossy=False):
+    """Asserts that the next so many movements, from now or `since_ns`, have one verdict each, with their label.
+
+    lossy: a movement in which fewer observers counted than must agree may also end undecided.
+    """
     since_ns = since_ns or time.time_ns()
     performed = stage.replay.performed(stage.start_ns, since_ns, since_ns + (movements + 4) * stage.replay.length_ns)
     performed = performed[:movements]
@@ -300,8 +305,18 @@ def judged(stage, witness, movements, since_ns=None):
         return tally(performed, witness.verdicts).complete or witness.last["at_ns"] > due_ns
 
     witness.wait_for(over, (due_ns - since_ns) / SECOND_NS + 5.0, "the movements are judged")
+    if lossy:
+        performed = [one for one in performed if not abstained_without_quorum(one, witness)]
     result = tally(performed, witness.verdicts)
     assert not result.faults, f"{result.explained(())}\n{stage.logs()}"
+
+
+def abstained_without_quorum(movement, witness):
+    """Whether its one verdict is an abstention, and too few observers to agree counted for a good part of it."""
+    result = tally([movement], witness.verdicts)
+    heard = [{**one, "agreement": {"n": sum(counted(one, name) for name in VIEWS)}} for one in witness.judgements]
+    undecided = [result.labels[one] for one in result.ids[0]] == [ABSTAIN]
+    return undecided and is_unheard(movement, heard, default_quorum(len(VIEWS)))
 
 
 def all_count(witness):

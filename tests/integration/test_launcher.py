@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 
 import pytest
+from processes import SOON_S
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -35,7 +36,7 @@ class Stream(io.StringIO):
 
     def wait_for(self, text, times=1):
         with self._changed:
-            assert self._changed.wait_for(lambda: self.getvalue().count(text) >= times, 10), self.getvalue()
+            assert self._changed.wait_for(lambda: self.getvalue().count(text) >= times, SOON_S), self.getvalue()
 
 
 def python(name, text, lasting=False):
@@ -64,7 +65,7 @@ def launched():
         stops.append(stop)
 
         def ended():
-            thread.join(10)
+            thread.join(SOON_S)
             assert not thread.is_alive(), stream.getvalue()
             return status[0]
 
@@ -74,7 +75,7 @@ def launched():
     for stop in stops:
         stop.set()
     for thread in threads:
-        thread.join(10)
+        thread.join(SOON_S)
 
 
 def test_each_line_has_the_name_of_its_process(launched):

@@ -6,6 +6,7 @@ import sys
 from contextlib import contextmanager
 
 import pytest
+from processes import SOON_S
 
 SERVICE = """
 import signal, sys, threading
@@ -41,7 +42,7 @@ def test_a_signal_stops_cleanly(number, status):
     with started() as process:
         process.send_signal(number)
         assert process.stdout.readline() == "clean\n"
-        assert process.wait(10) == status
+        assert process.wait(SOON_S) == status
 
 
 def test_a_second_ctrl_c_acts_at_once():
@@ -49,7 +50,7 @@ def test_a_second_ctrl_c_acts_at_once():
         process.send_signal(signal.SIGINT)
         assert process.stdout.readline() == "clean\n"
         process.send_signal(signal.SIGINT)
-        assert process.wait(10) == 130
+        assert process.wait(SOON_S) == 130
 
 
 STARTER = """

@@ -10,7 +10,7 @@ from plain_guarded_product import plain_weights
 
 from common.probability import normalise, uniform
 from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_weights
-from fusion.engine.rules import DEFAULT_RULE, RULES
+from fusion.engine.rules import RULES
 from fusion.engine.weighing import ObserverTrust, off_diagonal
 
 RULE = RULES["guarded_product"]
@@ -212,13 +212,6 @@ def test_a_weak_observer_that_agrees_hardly_lowers_the_certainty():
         assert pool([sure, weak])[0] > pool([sure])[0] - 0.02
 
 
-def test_many_scenes_at_once_are_pooled_as_each_alone():
-    rng = np.random.default_rng(1)
-    p, prior = rng.dirichlet(np.full(5, 0.4), (6, 4)), uniform(5)
-    together = RULE.mix(p[..., None], prior, RULE.weigh(p, prior, ObserverTrust.unknown(4)))[..., 0]
-    assert together == pytest.approx(np.array([pool(scene) for scene in p]), abs=1e-12)
-
-
 @pytest.mark.parametrize("observers", range(1, 8))
 def test_many_scenes_are_pooled_to_the_same_bits_as_each_alone(observers):
     rng = np.random.default_rng(observers)
@@ -228,12 +221,3 @@ def test_many_scenes_are_pooled_to_the_same_bits_as_each_alone(observers):
     alone = [RULE.pool_movements(scene, prior, trust) for scene in p]
     assert np.array_equal(many.p, [scene.p for scene in alone])
     assert np.array_equal(many.weights, [scene.weights for scene in alone])
-
-
-def test_a_hundred_observers_give_a_finite_result():
-    p = np.vstack([np.tile([1.0, 0, 0], (50, 1)), np.tile([0, 1.0, 0], (50, 1))])
-    assert np.isfinite(pool(p)).all() and pool(p).sum() == pytest.approx(1)
-
-
-def test_it_is_the_default():
-    assert DEFAULT_RULE == "guarded_product"

@@ -237,10 +237,3 @@ def test_the_filter_is_bayes_rule_over_both_states(observations):
         belief /= belief.sum()
         honest = observed(returned(honest, passed), nats_of(overlap))
     assert honest == pytest.approx(belief[0], abs=1e-9) and honest_of(log_odds_of(honest)) == pytest.approx(honest)
-
-
-def test_an_observation_by_the_formula():
-    assert nats_of(1.0) == pytest.approx(0.0) and nats_of(0.0) == pytest.approx(math.log(BLUR))
-    share = 0.25
-    odds = returned(0.5, share) / (1 - returned(0.5, share)) * BLUR * (2 - BLUR) ** share
-    assert after_message(0.5, 0.0, 0.25) == pytest.approx(odds / (1 + odds))

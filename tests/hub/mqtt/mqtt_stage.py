@@ -9,7 +9,6 @@ import socket
 import subprocess
 import threading
 import time
-from pathlib import Path
 
 import paho.mqtt.client as paho
 from played_scene import ROOT, environment
@@ -21,12 +20,6 @@ from benchmarks.timing import free_port
 def mosquitto():
     """Where the broker's program is, or None."""
     return shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/sbin:/usr/local/sbin")
-
-
-def waited_s(*pids):
-    """How long the threads of this process and others have waited for a processor so far; 0 where nobody tells."""
-    files = [file for pid in (os.getpid(), *pids) for file in Path(f"/proc/{pid}/task").glob("*/schedstat")]
-    return sum(int(file.read_text().split()[1]) for file in files) / 1e9
 
 
 class Broker:
@@ -47,6 +40,10 @@ class Broker:
         log.close()
         until(self._answers, f"mosquitto at {self.port}")
         return self
+
+    @property
+    def pid(self):
+        return self._process.pid
 
     def _answers(self):
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", self.port), 1.0):

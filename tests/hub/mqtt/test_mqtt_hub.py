@@ -3,13 +3,12 @@
 import json
 import signal
 import subprocess
-import time
 from datetime import UTC, datetime
 
 import pytest
-from mqtt_stage import Broker, Hub, Listener, waited_s
+from mqtt_stage import Broker, Hub, Listener
 from played_scene import LABELS, ROOT, hub_section
-from processes import SOON_S
+from processes import SOON_S, within
 
 from benchmarks.timing import free_port
 from common.certificate_authority import issue, make_authority
@@ -33,12 +32,10 @@ def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
     listener.wait_for(lambda: json.loads(listener.last[f"{T}/state"])["confidence"] == 40)
     room.begin(1)
     listener.wait_for(lambda: f"{T}/early" in listener.last)
-    began_s, before_s = time.monotonic(), waited_s(running.process.pid)
-    room.publish_verdict("nthrow", 1)
-    listener.wait_for(lambda: f"{T}/verdict" in listener.last)
+    with within(0.3, running.process.pid, broker.pid):
+        room.publish_verdict("nthrow", 1)
+        listener.wait_for(lambda: f"{T}/verdict" in listener.last)
     assert len(listener.events(f"{T}/verdict")) == 1
-    # On a busy machine all wait for a processor, which is not the hub's time.
-    assert listener.arrived_s(f"{T}/verdict") - began_s < 0.3 + waited_s(running.process.pid) - before_s
     listener.wait_for_state(f"{T}/movement/nthrow", "ON")
     room.publish_verdict("nthrow", 1, ended=True)
     listener.wait_for_state(f"{T}/movement/nthrow", "OFF")
@@ -129,18 +126,18 @@ def test_when_home_assistant_starts_everything_is_published_again(room, hub, lis
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, number):
+def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, broker, number):
     room.silent = frozenset({"cam1"})  # no frames arrive; its process publishes that it runs
     process, topics = room.observer("cam1"), f"{T}/observer"
     running = hub().connected()
     for topic, payload in (("cam1/availability", "online"), ("cam1/connected", "ON"), ("cam2/availability", "online")):
         listener.wait_for_state(f"{topics}/{topic}", payload)
-    began_s, before_s = time.monotonic(), waited_s(running.process.pid)
-    process.send_signal(number)
-    for topic, payload, most_s in (("cam1/availability", "offline", 2.0), ("cam1/connected", "OFF", 2.5)):
-        listener.wait_for_state(f"{topics}/{topic}", payload)
-        took_s = time.monotonic() - began_s
-        assert took_s < most_s + waited_s(running.process.pid) - before_s, (topic, took_s)
+    pids = (running.process.pid, broker.pid)
+    with within(2.5, *pids):
+        with within(2.0, *pids):
+            process.send_signal(number)
+            listener.wait_for_state(f"{topics}/cam1/availability", "offline")
+        listener.wait_for_state(f"{topics}/cam1/connected", "OFF")
     assert listener.last[f"{topics}/cam2/availability"] == "online"
 
 

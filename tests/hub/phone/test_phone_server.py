@@ -25,7 +25,7 @@ from observer.foreign.track_line import frame_of_line
 from observer.tracks import WHOLE_BODY
 
 MODEL = {"pose_full.task": b"model" * 1000, "vision_bundle.mjs": b"export default 1;" * 100}
-SOON_S = 20.0
+SOON_S = 40.0
 
 
 class Running:

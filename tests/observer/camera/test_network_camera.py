@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from camera_stage import WAIT_S, FrameReader
+from processes import within
 
 from observer.camera.base import CameraFault
 from observer.camera.capture import connect
@@ -83,10 +84,9 @@ def test_a_stream_that_dies_and_comes_back(caplog):
             frame = reader.next_frame()
             assert frame.content.shape == (48, 64, 3) and frame.content.dtype == np.uint8
             assert 0 <= time.time_ns() - frame.captured_ns < WAIT_S * 1e9
-            began_s = time.monotonic()
-            server.close()
-            state, reason = reader.next_report()
-            assert time.monotonic() - began_s < 1.0
+            with within(1.0):
+                server.close()
+                state, reason = reader.next_report()
             assert state == "degraded" and reason.startswith(f"{name_at(port)}: ")
             with Server(port):
                 assert reader.wait_for_report("running") == ("running", "")
@@ -97,10 +97,10 @@ def test_a_stream_that_dies_and_comes_back(caplog):
 def test_a_stream_that_freezes():
     with Server() as server, viewer(server.server_port) as reader:
         reader.next_frame()
-        began_s = time.monotonic()
-        server.frozen.set()
-        assert reader.next_report() == ("degraded", f"{name_at(server.server_port)}: frozen: the same picture for 1 s")
-        assert time.monotonic() - began_s < 1.5
+        with within(1.5):
+            server.frozen.set()
+            report = reader.next_report()
+        assert report == ("degraded", f"{name_at(server.server_port)}: frozen: the same picture for 1 s")
         server.frozen.clear()
         assert reader.next_report() == ("running", "")
 
@@ -125,6 +125,5 @@ def test_stopping_does_not_wait_for_an_absent_camera():
         stop.set()
         raise CameraFault("away")
 
-    began_s = time.monotonic()
-    assert list(LiveCamera("cam", away).frames(stop)) == []
-    assert time.monotonic() - began_s < 2
+    with within(2.0):
+        assert list(LiveCamera("cam", away).frames(stop)) == []

@@ -5,6 +5,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from processes import SOON_S
 
 from common import SECOND_NS
 from observer.motion.archive import Recording
@@ -126,9 +127,9 @@ def test_stop_ends_a_wait():
 
     playing = threading.Thread(target=play)
     playing.start()
-    assert playing_began.wait(5)
+    assert playing_began.wait(SOON_S)
     stop.set()
-    playing.join(5)
+    playing.join(SOON_S)
     assert not playing.is_alive()
 
 

@@ -20,7 +20,7 @@ from observer.preview.sight import PreviewHistory
 from observer.runtime.pipeline import Posterior
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
-SOON_S = 20.0
+SOON_S = 40.0
 STANDING = np.array([[42.0, 30.0], [18.0, 30.0], [32.0, 9.0]])
 HISTORY = PreviewHistory(BODY_PARTS, 5.0)
 SHOWN = HISTORY.add(Tracks(STANDING))
