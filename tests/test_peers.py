@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.command_line import replace_table, run_command
+from benchmarks.command_line import run_command
 from benchmarks.peers import __main__ as commands
 from benchmarks.peers.comparison import (
     PEERS,
@@ -23,7 +23,7 @@ from benchmarks.peers.comparison import (
     seen_by_some,
 )
 from benchmarks.peers.panels import bridge_gaps, channels, make_panel, relative, resample_rows, view_centres
-from benchmarks.peers.tables import accuracy_interval, as_json, as_markdown, peer_rows, streams_as_markdown
+from benchmarks.peers.tables import accuracy_interval, as_json, as_markdown, peer_rows
 from common.errors import BadInput
 from observer.geometry.views import View, parse_view
 from observer.model.rocket import MiniRocket, RocketParameters, choose_dilations
@@ -100,11 +100,6 @@ def test_nothing_after_the_fraction_is_shown(archive, fraction):
     other = dataclasses.replace(archive, recordings=tuple(changed))
     assert (shown(other, fraction) == shown(archive, fraction)).all()
     assert not (shown(other, 1.0) == shown(archive, 1.0)).all()
-
-
-def test_panels_do_not_depend_on_position_or_size():
-    centres = np.random.default_rng(2).normal(size=(1, 9, 3, 2))
-    assert channels(centres * 7 + (300, 200), 12, True) == pytest.approx(channels(centres, 12, True))
 
 
 def test_positions_count_from_the_first_head_with_up_positive():
@@ -266,25 +261,6 @@ def test_the_table_has_every_classifier_and_the_differences():
     assert figures[0]["accuracy_at"]["0.2"] == 0.75 and figures[1]["area"] == 0.25
     low, high = figures[0]["interval"]["area"]
     assert low < 0.75 <= high
-
-
-def test_the_table_of_streams_names_each_set_once():
-    figures = {"f1": 0.5, "precision": 0.25, "recall": 1.0, "median_latency_s": 0.7, "false_alarms_per_minute": 1.5}
-    figures["frames_right"] = 0.875
-    rows = [{"observers": "door", "judged_by": name, **figures} for name in ("ours, fused", "spotter")]
-    rows[1]["median_latency_s"] = None
-    lines = streams_as_markdown(rows).splitlines()
-    assert lines[2] == "| door | ours, fused | 0.500 | 0.250 | 1.000 | 0.70 s | 1.50 | 0.875 |"
-    assert lines[3] == "|  | spotter | 0.500 | 0.250 | 1.000 | - | 1.50 | 0.875 |"
-
-
-def test_only_the_table_of_a_page_is_replaced():
-    page = f"before\n{commands.BEGIN}\nold\n{commands.END}\nafter\n"
-    new = replace_table(page, "new", commands.BEGIN, commands.END)
-    assert new == page.replace("old", "new") and replace_table(new, "new", commands.BEGIN, commands.END) == new
-    for bad in ("no marks", f"{commands.END} {commands.BEGIN}"):
-        with pytest.raises(BadInput, match="no place for the table"):
-            replace_table(bad, "new", commands.BEGIN, commands.END)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from benchmarks.scale.homes import (
     simulate_region,
 )
 from benchmarks.scale.measured import Costs, parse_measured
-from benchmarks.scale.process import Load, Stay, simulate_many, simulate_one
+from benchmarks.scale.process import Load, Stay, simulate_many
 from common.errors import BadInput
 from fusion import server
 from fusion.ownership import rendezvous_rank
@@ -69,15 +69,6 @@ def test_the_simulated_loop_is_set_as_the_real_one():
     assert real == (process.PAUSE_S, process.TOGETHER, process.STATUS_S)
 
 
-def test_without_costs_each_home_is_judged_in_time_on_the_newest_frame():
-    trace = simulate_many(FREE, Load(jitter_s=0), [Stay(n) for n in range(40)], 2.0)
-    assert trace.judgements_hz == pytest.approx(400, rel=0.06)
-    assert min(trace.age_s) >= 0 and max(trace.age_s) <= 1 / 30
-    # The newest of four that publish at their own times: the least of four waits.
-    assert trace.age_ms(50) == pytest.approx(1e3 / 30 * (1 - 0.5**0.25), rel=0.3)
-    assert trace.core_share == 0
-
-
 def test_the_share_of_a_core_is_the_sum_of_the_costs():
     costs = replace(FREE, receive=3.0, take=5.0, decode=10.0, judge=100.0, publish=20.0, status=7.0)
     trace = simulate_many(costs, Load(), [Stay(n) for n in range(20)], 4.0)
@@ -100,18 +91,6 @@ def test_with_one_core_zenohs_threads_take_theirs_from_the_loop():
     costs, stays = replace(FREE, receive=25.0, judge=500.0), [Stay(n) for n in range(250)]
     two, one = (simulate_many(costs, Load(cores=cores), stays, 1.0) for cores in (2, 1))
     assert one.judgements_hz == pytest.approx(two.judgements_hz * 0.25, rel=0.1)
-
-
-def test_one_scene_is_judged_as_soon_as_something_comes():
-    trace = simulate_one(replace(FREE, judge=300.0, hop=200.0), Load(in_step=True, jitter_s=0), 2.0)
-    assert 30 <= trace.judgements_hz < 62
-    assert trace.age_ms(99) < 2
-
-
-def test_late_wake_ups_delay_judgements():
-    late = Load(in_step=True, wake_ms=(20.0,) * 6)
-    early = replace(late, wake_ms=(0.0,) * 6)
-    assert simulate_one(FREE, late, 2.0).age_ms(50) > simulate_one(FREE, early, 2.0).age_ms(50) + 10
 
 
 def test_a_death_and_a_coming_move_their_own_homes_and_none_is_judged_twice_at_a_time():

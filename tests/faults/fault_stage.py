@@ -304,7 +304,7 @@ def judged(stage, witness, movements, since_ns=None, *, lossy=False):
     def over(witness):
         return tally(performed, witness.verdicts).complete or witness.last["at_ns"] > due_ns
 
-    witness.wait_for(over, (due_ns - since_ns) / SECOND_NS + 5.0, "the movements are judged")
+    witness.wait_for(over, (due_ns - since_ns) / SECOND_NS + SOON_S, "the movements are judged")
     if lossy:
         performed = [one for one in performed if not abstained_without_quorum(one, witness)]
     result = tally(performed, witness.verdicts)

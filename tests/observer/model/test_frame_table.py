@@ -25,11 +25,6 @@ def test_counting_by_hand_with_dirichlet_smoothing():
     assert table.sum(-1) == pytest.approx(np.ones((1, 2, 2)))
 
 
-def test_symbols_without_counts_are_uniform():
-    table = np.exp(learn_table([(np.full((4, 1), -1, dtype=np.int8), 0)], 1, 2, 0.1))
-    assert table == pytest.approx(np.full((1, 2, 1, VECTOR_SYMBOLS), 1 / VECTOR_SYMBOLS))
-
-
 @given(frames=st.integers(1, 60), bins=st.integers(1, 40))
 def test_the_clock_passes_through_all_bins(frames, bins):
     i = bin_indices(frames, bins)
@@ -81,9 +76,3 @@ def test_a_part_not_seen_is_factor_one():
     both, one = np.array([4, -1], dtype=np.int8), np.array([4], dtype=np.int8)
     assert log_evidence(table, both) == pytest.approx(log_evidence(table[..., :1, :], one))
     assert log_evidence(table, np.array([-1, -1], dtype=np.int8)) == pytest.approx(np.zeros((3, 1)))
-
-
-def test_impossible_symbols_leave_a_distribution():
-    clock = FrameClock(2, 1, 1)
-    clock.condition(np.array([0.0, -np.inf]))
-    assert clock.p == pytest.approx([1, 0])

@@ -53,28 +53,6 @@ def test_the_optimum_is_that_of_a_general_minimiser(problem):
     np.testing.assert_allclose(probabilities(*problem), expected, atol=0.01)
 
 
-def test_the_order_of_rows_and_columns_does_not_matter(problem):
-    features, targets, weights = problem
-    rows, columns = (np.random.default_rng(3).permutation(n) for n in (ROWS, COLUMNS))
-    permuted = probabilities(features[rows][:, columns], targets[rows], weights[rows], features[:, columns])
-    np.testing.assert_allclose(permuted, probabilities(*problem), atol=0.005)
-
-
-def test_a_shift_of_features_does_not_matter_and_their_scale_hardly(problem):
-    features, targets, weights = problem
-    moved = (7 * features + 3).astype(np.float32)
-    np.testing.assert_allclose(probabilities(moved, targets, weights), probabilities(*problem), atol=0.03)
-
-
-def test_a_row_of_weight_two_is_two_rows(problem):
-    features, targets, _ = problem
-    ones = np.ones(ROWS, np.float32)
-    twice = [np.concatenate([values, values]) for values in (features, targets, ones)]
-    np.testing.assert_allclose(
-        probabilities(*twice, at=features), probabilities(features, targets, 2 * ones), atol=0.005
-    )
-
-
 def test_a_feature_that_never_varies_in_training_hardly_decides(problem):
     features, targets, weights = problem
     constant = np.hstack([features, np.full((ROWS, 1), 2.0, np.float32)])

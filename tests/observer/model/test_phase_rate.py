@@ -26,10 +26,6 @@ def test_the_mean_number_of_phases_is_proportional_to_time(share):
     assert steps @ np.arange(len(steps)) == pytest.approx(share * np.dot(STEP_SHARES, range(len(STEP_SHARES))))
 
 
-def test_one_fifteenth_of_a_second_is_a_step():
-    np.testing.assert_allclose(step_probabilities(1.0), STEP_SHARES)
-
-
 def test_probabilities_per_fifteenth_of_a_second_become_those_per_frame():
     parameters = {"begin": 0.05, "forget": 0.01, "abandon": 0.02, "settled": 15.0}
     for frames, share in ((2, 0.5), (4, 0.25)):
