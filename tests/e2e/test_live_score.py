@@ -6,6 +6,7 @@ import subprocess
 from e2e_stage import SOON_S, free_endpoint, run, write_scene
 from processes import labanmesh
 
+from labanmesh import main
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from studies.performer import perform, perform_continuously
@@ -13,16 +14,16 @@ from studies.performer import perform, perform_continuously
 VIEWS = {"door": "door", "corner": "yaw:45"}
 
 
-def test_the_ended_verdict_of_a_performance_has_a_score(tmp_path):
+def test_the_ended_verdict_of_a_performance_has_a_score(tmp_path, capsys):
     shown = perform(people=("2", "3", "4"), movements=("byebye", "lunging"), trials=2)
     write_archive(tmp_path / "shown.npz", shown)
     played = MotionArchive(shown.body_parts, (perform_continuously("1", ("byebye", "lunging", "byebye")),))
     write_archive(tmp_path / "motion.npz", played)
     observers = {name: f'source = "motion.npz"\nview = "{view}"\n' for name, view in VIEWS.items()}
     for name, view in VIEWS.items():
-        words = ("learn", "shown.npz", "--view", view, "--reference", "byebye", "-o", f"{name}.model")
-        learned = run(tmp_path, *words, "--parameter", "kernels=336")
-        assert learned.returncode == 0 and "scores byebye by 6 reference takes" in learned.stdout, learned.stderr
+        words = (str(tmp_path / "shown.npz"), "--view", view, "-o", str(tmp_path / f"{name}.model"))
+        assert main(["learn", *words, "--reference", "byebye", "--parameter", "kernels=336"]) == 0
+        assert "scores byebye by 6 reference takes" in capsys.readouterr().out
         observers[name] += f'model = "{name}.model"\n'
     path = write_scene(tmp_path / "scene.toml", free_endpoint(), observers)
     with (tmp_path / "lines.json").open("w") as out:

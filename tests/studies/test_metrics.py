@@ -11,7 +11,6 @@ from hypothesis.extra.numpy import arrays
 from studies.experiments import MOVEMENTS, TABLE_I, TABLE_II, TABLE_III
 from studies.metrics import (
     BINS,
-    LEAST_P,
     ConfusedPair,
     accuracy,
     beside,
@@ -48,7 +47,7 @@ def test_metrics_are_those_of_loops_over_trials(case):
     assert confusion(p, truth).tolist() == counts
     squares = [sum((x - (m == t)) ** 2 for m, x in enumerate(row)) for row, t in trials]
     assert brier(p, truth) == pytest.approx(sum(squares) / len(p))
-    losses = [-math.log(max(row[t], LEAST_P)) for row, t in trials]
+    losses = [-math.log(max(row[t], 1e-12)) for row, t in trials]
     assert log_loss(p, truth) == pytest.approx(sum(losses) / len(p), abs=1e-12)
     bins = [[] for _ in range(BINS)]
     for (row, _), is_right in zip(trials, right, strict=True):
