@@ -4,7 +4,7 @@ import time
 
 import pytest
 from attack_stage import ASK_CLOCKS_S, JUDGES
-from processes import until
+from processes import SOON_S, until
 
 from common import SECOND_NS
 from common.messages import StatusMessage, VocabularyMessage
@@ -25,7 +25,7 @@ def status_of_the_victim(scene, **fields):
 def listened(stage, scene, enough):
     """The state of a hub when `enough(state)`."""
     with stage.link() as link:
-        end_s = time.monotonic() + 20
+        end_s = time.monotonic() + SOON_S
         state = SceneState(scene.scene)
         for update in listen(scene, link, lambda: time.monotonic() < end_s):
             state = update.state

@@ -225,6 +225,10 @@ class Stage:
         for process in (*self.processes.values(), *(one.process for one in self._witnesses)):
             process.kill()
 
+    def waited_s(self, *names):
+        """How long these processes, or all, have waited for a processor so far, together."""
+        return sum(self.processes[name].waited_s for name in names or self.processes)
+
     def logs(self, most=1500):
         """What all have written, for a message; most: characters of each, the last ones; None: all."""
         return "\n".join(

@@ -37,12 +37,15 @@ def test_no_verdict_is_lost_or_doubled_when_processes_are_killed(team, long_form
         name = victim(kind, witness, rng)
         sizes.note(name)
         killed.append((time.time_ns(), kind))
+        rest = ("router", *(one for one in SERVICES if one != name))
+        before_s = team.waited_s(*rest) if kind == "leader" else 0.0
         team.processes[name].kill()
         pass_time(rng.uniform(0.0, 0.5))
         team.start(name)
         await_all(team, witness, name)
         if kind == "leader":
-            gaps.append(takeover_s(witness, name, killed[-1][0]))
+            # What the other service and the router wait for a processor is not theirs.
+            gaps.append(takeover_s(witness, name, killed[-1][0]) - (team.waited_s(*rest) - before_s))
         sizes.begin(name)
         pass_time(rng.uniform(0.0, 2.0))
     until_ns = time.time_ns()

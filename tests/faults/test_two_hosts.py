@@ -43,15 +43,15 @@ def test_while_a_cable_is_pulled_the_near_observers_are_judged_and_then_lost_pac
         near, far = stage.witness(hosts.right.inside), stage.witness(hosts.left.inside, watches=True)
         near.wait_for(all_count, why="all count")
         far.wait_for(all_count, why="all count at the other host")
-        before_s = waited_s(stage, "router", "fusion", *NEAR)
+        before_s = stage.waited_s("router", "fusion", *NEAR)
         pulled_ns, put_back = time.time_ns(), pull(hosts, how)
         near.wait_for(lambda w: w.last["at_ns"] - pulled_ns > OUT_S * SECOND_NS, why="judgements go on")
-        out_waited_s = waited_s(stage, "router", "fusion", *NEAR) - before_s
-        back_ns, before_s = time.time_ns(), waited_s(stage, *stage.processes)
+        out_waited_s = stage.waited_s("router", "fusion", *NEAR) - before_s
+        back_ns, before_s = time.time_ns(), stage.waited_s()
         put_back()
         near.wait_for(lambda w: after(w, back_ns), why="the far observers count again")
         far.wait_for(lambda w: w.last["arrived_ns"] > back_ns, why="the far hub receives again")
-        back_waited_s = waited_s(stage, *stage.processes) - before_s
+        back_waited_s = stage.waited_s() - before_s
         meanwhile = [one for one in near.judgements if pulled_ns < one["at_ns"] < back_ns]
         votes = [one["votes"] for one in meanwhile]
         assert all(votes[-1][one]["state"] == "silent" for one in FAR), "the cable was not pulled"
@@ -78,11 +78,6 @@ def test_while_a_cable_is_pulled_the_near_observers_are_judged_and_then_lost_pac
 def verdicts_of(witness):
     """The verdicts that it has received: id, stage and label of each."""
     return {(one["id"], one["stage"], one["label"]) for one in witness.verdicts}
-
-
-def waited_s(stage, *names):
-    """How long these processes have waited for a processor so far, together."""
-    return sum(stage.processes[name].waited_s for name in names)
 
 
 def after(witness, at_ns):

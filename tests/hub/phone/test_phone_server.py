@@ -10,6 +10,7 @@ import urllib.request
 from contextlib import contextmanager
 
 import pytest
+from processes import SOON_S, until
 
 pytest.importorskip("websockets")
 pytest.importorskip("segno")
@@ -25,7 +26,6 @@ from observer.foreign.track_line import frame_of_line
 from observer.tracks import WHOLE_BODY
 
 MODEL = {"pose_full.task": b"model" * 1000, "vision_bundle.mjs": b"export default 1;" * 100}
-SOON_S = 40.0
 
 
 class Running:
@@ -118,13 +118,6 @@ def running(tmp_path):
         yield server
 
 
-def until(condition):
-    end_s = time.monotonic() + SOON_S
-    while not condition():
-        assert time.monotonic() < end_s, "it did not happen"
-        threading.Event().wait(0.01)
-
-
 @pytest.mark.parametrize("ahead_s", [0, -7200, 30])
 def test_tracks_reach_the_observer_in_our_time(running, ahead_s):
     with running.phone(join={"code": running.file.new_code("phone1")}) as phone:
@@ -134,7 +127,7 @@ def test_tracks_reach_the_observer_in_our_time(running, ahead_s):
     [(observer, line)] = running.lines
     frame = frame_of_line(line, WHOLE_BODY, 0)
     assert observer == "phone1" and frame.content[0].tolist() == [3.5, 4, 0.8]
-    assert abs(frame.captured_ns / 1e6 - (at_ms - 1000 * ahead_s)) < 500
+    assert abs(frame.captured_ns / 1e6 - (at_ms - 1000 * ahead_s)) < 5_000
 
 
 def test_two_phones_with_one_code(running):
