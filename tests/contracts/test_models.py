@@ -48,7 +48,17 @@ def archive():
 
 @pytest.fixture(scope="module", params=KINDS)
 def model(request, archive):
-    return learn_view(archive, DOOR, VOCABULARY, kind=request.param)
+    return learn_view(archive, DOOR, VOCABULARY, kind=request.param, parameters=small(request.param))
+
+
+def small(kind):
+    """Parameters with which a model learns in a fraction of its time."""
+    return {"kernels": 336.0} if kind == "stacked" else {}
+
+
+@pytest.fixture(scope="module")
+def stacked(archive):
+    return learn_view(archive, DOOR, VOCABULARY, kind="stacked", parameters=small("stacked"), calibrate=False)
 
 
 def watched(model, recording, onset):
@@ -101,8 +111,7 @@ def whole_body(label, subject):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_model_of_fifteen_parts_works_on_with_hands_and_head(kind):
     people = tuple(whole_body(label, s) for label in VOCABULARY.labels for s in range(4))
-    parameters = {"kernels": 336.0} if kind == "stacked" else {}
-    model = learn_view(MotionArchive(WHOLE_BODY, people), DOOR, VOCABULARY, kind=kind, parameters=parameters)
+    model = learn_view(MotionArchive(WHOLE_BODY, people), DOOR, VOCABULARY, kind=kind, parameters=small(kind))
     assert model.header.body_parts == WHOLE_BODY
     for label in VOCABULARY.labels:
         shown = whole_body(label, 5)
@@ -179,10 +188,9 @@ def test_a_movement_without_recordings_is_named(archive):
         learn_view(archive, DOOR, Vocabulary(("wave", "jump")))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_broken_model_file_is_one_clear_line(kind, archive, tmp_path):
+def test_a_broken_model_file_is_one_clear_line(model, tmp_path):
     path = tmp_path / "a.model"
-    write_model(path, learn_view(archive, DOOR, VOCABULARY, kind=kind))
+    write_model(path, model)
     whole = path.read_bytes()
     for broken in (b"", b"garbage", whole[: len(whole) // 2]):
         path.write_bytes(broken)
@@ -268,8 +276,8 @@ def test_a_damaged_model_file_is_one_clear_line(model, tmp_path, damage):
 
 @pytest.mark.parametrize("name", ["stacker_weights", "stacker_other"])
 @pytest.mark.parametrize("change", [lambda a: a[1:], with_nan], ids=["other shape", "NaN"])
-def test_a_stacked_model_whose_weights_are_damaged_is_one_clear_line(archive, tmp_path, name, change):
-    write_model(path := tmp_path / "a.model", learn_view(archive, DOOR, VOCABULARY, kind="stacked", calibrate=False))
+def test_a_stacked_model_whose_weights_are_damaged_is_one_clear_line(stacked, tmp_path, name, change):
+    write_model(path := tmp_path / "a.model", stacked)
     rewritten(path, **{name: change})
     with pytest.raises(BadInput, match=rf"a\.model: .*{name} of shape.*learn it again"):
         read_model(path)
@@ -287,8 +295,8 @@ def test_a_stacked_model_whose_weights_are_damaged_is_one_clear_line(archive, tm
     ],
     ids=["stacked", "discriminative", "phase-symbols"],
 )
-def test_a_model_of_the_version_before_is_refused_with_the_command_that_learns_it(archive, tmp_path, changes, line):
-    write_model(path := tmp_path / "a.model", learn_view(archive, DOOR, VOCABULARY, kind="stacked", calibrate=False))
+def test_a_model_of_the_version_before_is_refused_with_the_command_that_learns_it(stacked, tmp_path, changes, line):
+    write_model(path := tmp_path / "a.model", stacked)
     rewritten(path, **changes)
     with pytest.raises(BadInput, match=rf"a\.model: {line}.*; learn it again\Z"):
         read_model(path)
@@ -302,9 +310,9 @@ def test_a_model_of_the_version_before_is_refused_with_the_command_that_learns_i
             read_model(path)
 
 
-def test_a_model_file_with_too_many_facings_is_one_clear_line(archive, tmp_path):
+def test_a_model_file_with_too_many_facings_is_one_clear_line(stacked, tmp_path):
     path = tmp_path / "a.model"
-    write_model(path, learn_view(archive, DOOR, VOCABULARY, calibrate=False))
+    write_model(path, stacked)
     rewritten(path, lambda h: h["parameters"].update(facings=1e9))
     with pytest.raises(
         BadInput, match=r"a\.model: parameter facings = 1e\+09: a whole number from 1 to 72 is expected"

@@ -41,9 +41,12 @@ def test_a_failed_import_writes_nothing(run, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["one.csv"]
 
 
+QUICK = ("--parameter", "kernels=336")
+
+
 def test_learn_writes_a_model_with_its_provenance(run, archive, tmp_path):
     model = tmp_path / "corner.model"
-    words = ["learn", archive, "--view", "yaw:45,pitch:10", "-o", model, "--subjects", "1", "--rate", "30"]
+    words = ["learn", archive, "--view", "yaw:45,pitch:10", "-o", model, "--subjects", "1", "--rate", "30", *QUICK]
     status, out, _ = run(*words)
     assert status == 0 and f"{DEFAULT_MODEL} for yaw:45,pitch:10, 2 movements from 2 examples of 1 person, 30 Hz" in out
     header = read_model(model).header
@@ -56,7 +59,7 @@ def test_learn_writes_a_model_for_each_sensor_with_one_vocabulary(run, archive, 
     whole = read_archive(archive)
     write_archive(tmp_path / "other.npz", replace(whole, recordings=whole.recordings[::-1]))
     words = ["learn", "--sensor", f"left={archive}", "--sensor", f"right={tmp_path}/other.npz@wheel"]
-    status, out, err = run(*words, "-o", tmp_path / "models", "--body-parts", "right_hand,head", "--jobs", "2")
+    status, out, err = run(*words, "-o", tmp_path / "models", "--body-parts", "right_hand,head", "--jobs", "2", *QUICK)
     assert status == 0 and out.count("2 movements from 4 examples") == 2 and "learning: 2 of 2" in err
     assert out.index("left.model") < out.index("right.model")
     left, right = (read_model(tmp_path / "models" / f"{name}.model").header for name in ("left", "right"))

@@ -41,7 +41,7 @@ def quick(**changes):
 
 @pytest.fixture(scope="module")
 def result(archive):
-    return evaluate(archive, settings())
+    return evaluate(archive, settings(parameters={"kernels": 336.0}))
 
 
 @pytest.fixture(scope="module")
