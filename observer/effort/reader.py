@@ -95,18 +95,20 @@ class ShapeReader:
         self._every, self._count = max(round(rate_hz / SHAPE_HZ), 1), 0
         self._facets: dict[str, Floats] = {}
 
-    def update(self, centres: Floats) -> dict[str, Floats]:
+    def update(self, centres: Floats, read: bool = True) -> dict[str, Floats]:
         """(P, 2) image coordinates, v down -> the facets shape_* that are known now, (3,) each.
 
-        Missing: spreading while a hand or the head is not seen, the others without any hand or the head, and advancing
-        if the view does not show depth.
+        read: whether anybody reads them; else they stay as they were. Missing: spreading while a hand or the head is
+        not seen, the others without any hand or the head, and advancing if the view does not show depth.
         """
-        size = self._size.update(centres, self._names) if None not in self._rows else math.nan
         points = np.array([centres[row] if row is not None else (np.nan, np.nan) for row in self._rows])
         self._window.append(points * (1.0, -1.0))
         self._count += 1
-        if math.isfinite(size) and self._count % self._every == 0:
-            self._facets = self._posterior(np.array(self._window) / size)
+        if not read or None in self._rows:
+            return self._facets
+        size = self._size.update(centres, self._names)
+        if math.isfinite(size) and self._count >= self._every:
+            self._count, self._facets = 0, self._posterior(np.array(self._window) / size)
         return self._facets
 
     def _posterior(self, points: Floats) -> dict[str, Floats]:
@@ -190,7 +192,10 @@ class FacetReader:
         self._effort = None if effort is None else EffortReader(effort, body_parts, rate_hz)
         self.facets: Mapping[str, Floats] = {}
 
-    def update(self, tracks: Tracks, rest: float) -> None:
-        """One frame, and the probability of rest in it; the result is left in `facets`."""
+    def update(self, tracks: Tracks, rest: float, read: bool = True) -> None:
+        """One frame, and the probability of rest in it; the result is left in `facets`.
+
+        read: whether it is read, or another frame follows at once.
+        """
         effort = {} if self._effort is None else self._effort.update(tracks, rest)
-        self.facets = {**effort, **self._shape.update(tracks.centres)}
+        self.facets = {**effort, **self._shape.update(tracks.centres, read)}

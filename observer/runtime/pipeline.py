@@ -105,7 +105,7 @@ class Observer:
             passed = not judged or (frame.skipped > 0 and n < len(instants))
             (self.watch.pass_over if passed else self.watch.update)(tracks)
             if self._facets is not None:
-                self._facets.update(tracks, self.watch.rest)
+                self._facets.update(tracks, self.watch.rest, not passed)
         self._frames += len(instants)
         if frame.last:
             self._end()
