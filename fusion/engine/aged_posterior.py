@@ -18,6 +18,9 @@ from fusion.engine.trust import HONEST, information_of
 
 POOLED_STATES = ("counted", "stale")
 """Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
+GAPS, FEWEST_GAPS = 8, 4
+"""An observer's usual interval is the median of the last gaps; fewer than four show none (as observer/motion/even_rate
+has it of pictures)."""
 SESSIONS_LIMIT = 64
 """Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
@@ -84,6 +87,7 @@ class RosterEntry:
     p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
     stays: of its labels, by what it says after decisions (trust.py). session_ns: when its session began here.
     captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part.
+    interval_ns: the usual time between two captures, 0 while unknown; gaps_ns: the last ones.
     fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
     last usable one. published: the hash of the vocabulary of its newest message, usable or not, and when that arrived;
     None without one, or if the process disappeared since. All times by our clock, Unix epoch.
@@ -103,6 +107,8 @@ class RosterEntry:
     captured_ns: int = 0
     received_ns: int = 0
     visible_ns: int = 0
+    gaps_ns: deque[int] = field(default_factory=lambda: deque(maxlen=GAPS))
+    interval_ns: int = 0
     gone: bool = False
     published: tuple[str, int] | None = None
     fault: VoteState | None = None
@@ -115,6 +121,14 @@ class RosterEntry:
         if message.session in self.past_sessions:
             self.past_sessions.remove(message.session)
         self.session_ns, self.visible_ns, self.steady = now_ns, captured_ns, HONEST
+        self.gaps_ns.clear()
+        self.interval_ns = 0
+
+    def note_gap(self, gap_ns: int) -> None:
+        """Count the time from one capture to the next towards the observer's usual interval."""
+        self.gaps_ns.append(gap_ns)
+        known = len(self.gaps_ns) >= FEWEST_GAPS
+        self.interval_ns = sorted(self.gaps_ns)[len(self.gaps_ns) // 2] if known else 0
 
     def count_rejected(self, reason: str) -> None:
         """Count a message that was not used."""

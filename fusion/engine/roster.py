@@ -10,7 +10,8 @@ The design: fusion.md, "The roster".
    have this id: its messages are counted as `same_id`.
 3. A posterior older than `fresh_s` fades towards the prior: p <- (p/prior)^k prior, normalised, with the freshness k =
    exp(-(age - fresh_s)/fade_s). The probability of rest stays as published until `drop_s`, so that an outage of a
-   second does not split a movement.
+   second does not split a movement. A slow observer's fresh_s is two of its usual intervals: it needs up to one for a
+   picture, and the next posterior comes one later.
 4. Past `drop_s`, or before the first message, an observer contributes the prior, which is neutral. Its state is then
    `late` if it still publishes but with data that old, `foreign` or `invalid` if its last message was unusable, and
    `silent` otherwise.
@@ -52,6 +53,9 @@ from fusion.engine.trust import (
     published_trust,
 )
 
+INTERVALS, SLOWEST_S = 2, 0.75
+"""A posterior is fresh for so many usual intervals of its observer (rule 3), but at most for the time over which
+observers themselves take motion to go on (observer/motion/even_rate.py)."""
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -100,6 +104,7 @@ class Roster:
         else:
             if _sees_person(message):
                 state.visible_ns = captured_ns
+            state.note_gap(captured_ns - state.captured_ns)
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
             state.steady = after_message(state.steady, overlap_of(state.answers, answers), seconds)
         state.message, state.p, state.answers = message, p, answers
@@ -203,6 +208,8 @@ class Roster:
         age_s = (now_ns - state.captured_ns) / SECOND_NS
         unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
         fresh_s = self._fresh_s
+        if INTERVALS * state.interval_ns > fresh_s * SECOND_NS:
+            fresh_s = max(fresh_s, min(INTERVALS * state.interval_ns / SECOND_NS, SLOWEST_S))
         visibility = 1.0 if unseen_s <= fresh_s else freshness_after(unseen_s - fresh_s, self._config.blind_s)
         freshness = visibility
         if age_s > fresh_s:

@@ -116,6 +116,42 @@ def test_rule_3_an_old_posterior_fades_by_the_formula_and_rest_does_not(p, age_s
     assert posterior.p == pytest.approx(tempered(p, math.exp(-(age_s - 0.2) / 0.5)), rel=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("interval_s", "count", "fresh_s"),
+    [(1 / 15, 9, 0.2), (0.2, 9, 0.4), (0.3, 9, 0.6), (0.3, 4, 0.2), (0.6, 9, 0.75)],
+)
+def test_rule_3_a_slow_observer_stays_fresh_for_two_of_its_usual_intervals(interval_s, count, fresh_s):
+    # The first message begins the session, so that there is one gap less than messages; four gaps show an interval.
+    sent = [after((n + 1 - count) * interval_s) for n in range(count)]
+    cam = Cam1()
+    for seq, captured_ns in enumerate(sent):
+        cam.receive(message(captured_ns, seq=seq), captured_ns)
+    assert cam.state(after(fresh_s - 0.01)) == "counted"
+    posterior = cam.at(after(fresh_s + 0.1))
+    assert posterior.state == "stale"
+    assert posterior.p == pytest.approx(tempered(P, math.exp(-0.1 / CONFIG.fade_s)))
+
+
+def test_rule_3_one_long_gap_makes_nobody_slow_and_a_new_session_begins_anew():
+    cam = Cam1()
+    for seq, at_s in enumerate((-2.0, -1.9, -1.8, -1.0, -0.9, -0.8)):
+        cam.receive(message(after(at_s), seq=seq), after(at_s))
+    assert cam.state(after(-0.55)) == "stale"
+    for seq in range(6):
+        cam.receive(message(after(0.3 * seq), seq=6 + seq), after(0.3 * seq))
+    assert cam.state(after(2.0)) == "counted"
+    cam.receive(message(after(2.1), seq=0, session="new"), after(2.1))
+    assert cam.state(after(2.4)) == "stale"
+
+
+def test_rule_7_a_slow_observer_is_not_blind_because_of_one_picture():
+    cam = Cam1()
+    for seq in range(8):
+        seen = {"left_hand": seq != 7}
+        cam.receive(message(after(0.3 * seq), seq=seq, visible=seen), after(0.3 * seq))
+    assert cam.state(after(2.1)) == "counted"
+
+
 def test_rule_3_even_a_certainty_fades_without_a_nan():
     certain = message(p=(1, 0, 0))
     # An exclusion stays until it is dropped.
