@@ -1,9 +1,9 @@
 """Where a person stands on the floor of the room, from the parts of their body in one picture. Pure.
 
 A part whose height y above the floor is known has a place x, z that is linear in the picture: with the rows h1, h2, h3
-of the projective matrix, (h1 - u h3) (x, y, z, 1)ᵀ = 0 and (h2 - v h3) (x, y, z, 1)ᵀ = 0 (Hartley and
-Zisserman, section 7.1). People stand, bend and reach, so that each part's height and its distance from the middle of the body are known
-with the standard deviations below; least squares weighted by them give place and covariance.
+of the projective matrix, (h1 - u h3) (x, y, z, 1)ᵀ = 0 and (h2 - v h3) (x, y, z, 1)ᵀ = 0 (Hartley and Zisserman, 7.1).
+People stand, bend and reach, so that each part's height and its distance from the middle of the body are known with the
+standard deviations below; least squares weighted by them give place and covariance.
 """
 
 from collections.abc import Sequence

@@ -21,7 +21,7 @@ from observer.tracking.company import GROWTH, MERGED, OTHER_S, SPEED, STEP
 from observer.tracks import Floats, PersonTracks
 
 JUMP = 0.1
-"""Half of the parts of a body that goes on are nearer than this, plus SPEED / 2 each second, to where it is expected."""
+"""Half of the parts of one that goes on are nearer than this, plus SPEED / 2 each second, to where they are expected."""
 ALIKE = 0.05
 """Two people could be exchanged if their bodies then fit this nearly as well."""
 COMMON = 3
