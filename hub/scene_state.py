@@ -1,7 +1,7 @@
 """What a hub knows about a scene: messages folded into the state that all views show. Pure."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -18,7 +18,7 @@ from common.messages import (
     VoteState,
 )
 from common.vocabulary import ABSTAIN
-from hub import same_id
+from hub import people, same_id
 from hub.verdict_log import with_verdict
 
 VERDICTS_LIMIT = 10
@@ -95,7 +95,7 @@ class SceneState:
     next_vocabulary: one that the judgement does not have yet. verdicts: newest first, at most VERDICTS_LIMIT.
     received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on synchronised clocks.
     rejected, dropped, skipped: how many messages were rejected, lost to a full queue, and left out since a newer
-    judgement was there. same_id_reports: see hub/same_id.py.
+    judgement was there. same_id_reports: see hub/same_id.py. others: of people who are not the one in `judgement`.
     """
 
     scene: str
@@ -114,6 +114,7 @@ class SceneState:
     services: tuple[str, ...] = ()
     same_id_reports: same_id.Reports = field(default_factory=dict)
     fall: FallMessage | None = None
+    others: people.Others = field(default_factory=dict)
 
     def at(self, now_ns: int) -> "SceneState":
         """The same knowledge at a later time: only ages change."""
@@ -130,6 +131,9 @@ class SceneState:
             case VerdictMessage():
                 verdicts = with_verdict(self.verdicts, message, VERDICTS_LIMIT)
                 return self if verdicts is self.verdicts else replace(self, verdicts=verdicts)
+            case JudgementMessage() if people.is_beside(message, self.judgement):
+                others = people.with_other(self.others, message)
+                return self if others is self.others else replace(self, others=others)
             case JudgementMessage():
                 late = self.judgement is not None and _is_copy(message, self.judgement)
                 return self if late else self._with_judgement(message, received_ns)
@@ -190,6 +194,11 @@ class SceneState:
     def waiting(self) -> bool:
         """Whether fusion publishes judgements and no observer contributes to them."""
         return self.judgement is not None and is_waiting(self.judgement)
+
+    @property
+    def people(self) -> Sequence[JudgementMessage]:
+        """The judgements of everybody who is there, by name; empty in a scene that judges one person."""
+        return people.all_judged(self.judgement, self.others)
 
     @property
     def labels(self) -> tuple[str, ...]:

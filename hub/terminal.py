@@ -31,6 +31,7 @@ from hub.wording import (
     duration,
     label_words,
     percent,
+    person_line,
     score_words,
     undecided,
 )
@@ -69,8 +70,11 @@ def render(
     corners = [_corners(observers[i : i + columns], columns, labels, state) for i in range(0, len(observers), columns)]
     manner = manner_table(None if state.waiting else state.judgement, width) if log_lines >= MANNER_LINES else None
     log_lines -= MANNER_LINES if manner is not None else 0
+    below: list[RenderableType] = [] if manner is None else [manner]
+    lines = [person_line(each) for each in state.people]
+    below += [Text("  ".join(lines), no_wrap=True, overflow="ellipsis")] if len(lines) > 1 else []
+    log_lines -= len(lines) > 1
     log = [] if log_lines < 1 else [_log(state.verdicts[:log_lines])]
-    below = [] if manner is None else [manner]
     above = -(-rows // 2)
     fusion = _fusion(state, early, notice)
     return Group(_header(state), *corners[:above], fusion, *below, *corners[above:], *log)
@@ -202,7 +206,9 @@ def _fusion(state: SceneState, early: Sequence[EarlyWord], notice: str) -> Rende
         inside = grid([(fused, flag)], EVEN, EVEN, padding=2)
     why = "" if state.judgement is None else undecided(state.judgement)
     subtitle = Text(why, style="default") if why else None
-    return Panel(inside, title="fusion", subtitle=subtitle, subtitle_align="left", box=HEAVY, border_style=style,
+    person = None if state.judgement is None else state.judgement.person
+    title = f"fusion: {person}" if person else "fusion"
+    return Panel(inside, title=title, subtitle=subtitle, subtitle_align="left", box=HEAVY, border_style=style,
                  padding=(0, 1))  # fmt: skip
 
 

@@ -157,7 +157,8 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
         due = abs(state.now_ns - shown_ns) >= LINE_EVERY_S * SECOND_NS
         if state.judgement and state.silence_s < LINE_EVERY_S and due:
             shown_ns = state.now_ns
-            print(judgement_line(state.judgement), flush=True)
+            for judgement in state.people or [state.judgement]:
+                print(judgement_line(judgement), flush=True)
 
 
 def _revision(verdict: VerdictMessage, replaced: str | None) -> VerdictMessage:

@@ -156,9 +156,26 @@ def leaning_lines(verdict: VerdictMessage, state: SceneState) -> Iterator[str]:
 
 
 def label_words(verdict: VerdictMessage) -> str:
-    """The label, `point`; of a revised verdict `wave -> point`."""
+    """The label, `point`; of a revised verdict `wave -> point`; of one of several people `left: point`."""
     labels = [verdict.label] if verdict.revises is None else [verdict.revises, verdict.label]
-    return printable(" -> ".join(labels))
+    return of_person(verdict) + printable(" -> ".join(labels))
+
+
+def of_person(judgement: JudgementMessage) -> str:
+    """`left: ` if the scene judges several people, empty otherwise."""
+    return f"{judgement.person}: " if judgement.person else ""
+
+
+def person_line(judgement: JudgementMessage) -> str:
+    """What one of several people does, `left: wave 93%, decided`."""
+    if is_waiting(judgement):
+        return f"{of_person(judgement)}nobody sees them"
+    movement = judgement.movement
+    if movement is None:
+        return f"{of_person(judgement)}at rest"
+    p = max(judgement.p, default=0.0) * (1.0 - (judgement.unlearned or 0.0))
+    state = "undecided" if movement.label is None else "decided"
+    return f"{of_person(judgement)}{printable(movement.label or judgement.label)} {p:.0%}, {state}"
 
 
 def verdict_line(verdict: VerdictMessage) -> str:
@@ -211,7 +228,7 @@ def undecided(judgement: JudgementMessage) -> str:
 
 def judgement_line(judgement: JudgementMessage) -> str:
     """A judgement as one line: the fused answer and every observer's vote with its weight."""
-    start = (clock_time(judgement.at_ns), "judgement")
+    start = (clock_time(judgement.at_ns), "judgement", *filter(None, [of_person(judgement).strip()]))
     votes = printable(", ".join(f"{name}: {_vote(vote)}" for name, vote in judgement.votes.items()))
     if is_waiting(judgement):
         return "  ".join(filter(None, (*start, WAITING, votes)))

@@ -14,7 +14,7 @@ from hub.dashboard.placement import FloorPosition
 from hub.dashboard.verdict_reasons import NAMES_LIMIT, reasons
 from hub.same_id import in_words
 from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
-from hub.wording import facing, facing_words, leaning_lines, leanings, rounded
+from hub.wording import facing, facing_words, leaning_lines, leanings, person_line, rounded
 
 if TYPE_CHECKING:
     from hub.dashboard.history import MinutePoint, SceneHistory
@@ -99,6 +99,7 @@ def state_data(history: "SceneHistory") -> Json:
         "fused": _ranked(state.fused[:FUSED_SHOWN]),
         **_manner(None if state.waiting else judgement),
         "observers": [_observer(each, history, shown) for each in observers],
+        **({"people": [_person(each) for each in state.people]} if state.people else {}),
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,
         "same_ids": in_words(state.same_ids),
@@ -121,6 +122,7 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
     leaning = (f"{line}." for line in islice(leaning_lines(verdict, state), NAMES_LIMIT))
     return {
         "id": verdict.id[:TEXT_LIMIT],
+        **({"person": verdict.person} if verdict.person else {}),
         "label": _text(verdict.label),
         "stage": verdict.stage,
         "revises": None if verdict.revises is None else _text(verdict.revises),
@@ -138,6 +140,15 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         **_manner(verdict),
         "votes": [_vote(name, vote, verdict) for name, vote in verdict.votes.items()],
         "why": [_text(sentence, SENTENCE_LIMIT) for sentence in (*reasons(verdict, quorum), *leaning)],
+    }
+
+
+def _person(judgement: JudgementMessage) -> Json:
+    """What one of several people does now, and where they are on the floor in metres."""
+    return {
+        "person": judgement.person,
+        "words": _text(person_line(judgement)),
+        "place": None if judgement.place is None else [rounded(each, 2) for each in judgement.place],
     }
 
 

@@ -14,9 +14,13 @@ Kind = Literal["verdict", "fall"]
 KINDS: tuple[Kind, ...] = ("verdict", "fall")
 NS_PER_MS = 1_000_000
 PAGE_FIELDS = (
-    "kind", "id", "label", "began", "ended", "p", "agree", "of", "revises", "corrected", "repetitions", "score",
+    "kind", "id", "label", "began", "ended", "p", "agree", "of", "revises", "corrected", "person", "repetitions", "score",
 )  # fmt: skip
-DETAIL = ("why", "unlearned", "repetitions", "score", "scores", "remarks", "unscored", "facing_deg", "rule", "fusion")
+PAGE_DETAIL = ("person", "repetitions", "score")
+"""Of these the page shows what is there."""
+DETAIL = (
+    "person", "why", "unlearned", "repetitions", "score", "scores", "remarks", "unscored", "facing_deg", "rule", "fusion",
+)  # fmt: skip
 """Further fields of a verdict that are kept where they are there."""
 
 
@@ -45,11 +49,11 @@ class HistoryRow:
     def as_page(self) -> list[Any]:
         """The row for the page, in the order of PAGE_FIELDS, times in ms since 1970."""
         ended = None if self.ended_ns is None else self.ended_ns // NS_PER_MS
-        more = json.loads(self.detail) if '"repetitions"' in self.detail or '"score"' in self.detail else {}
+        more = json.loads(self.detail) if any(f'"{name}"' in self.detail for name in PAGE_DETAIL) else {}
         p = None if self.p is None else round(self.p, 3)
         return [
             self.kind, self.id, self.label, self.began_ns // NS_PER_MS, ended, p, self.k, self.n, self.revises,
-            self.corrected, more.get("repetitions"), more.get("score"),
+            self.corrected, *map(more.get, PAGE_DETAIL),
         ]  # fmt: skip
 
     def as_json(self) -> dict[str, Any]:

@@ -24,10 +24,12 @@ def row_line(row: HistoryRow) -> tuple[str, str]:
 
 
 def what_of(row: HistoryRow) -> str:
-    """The label, what it replaced, how often, and what somebody said that it was."""
+    """Who, of several people, the label, what it replaced, how often, and what somebody said that it was."""
     label = "no agreement" if row.label == ABSTAIN else row.label
     words = [f"{row.revises} -> {label}" if row.revises else label]
     detail = json.loads(row.detail)
+    if (person := detail.get("person")) is not None:
+        words.insert(0, f"{person}:")
     if (repetitions := detail.get("repetitions")) is not None:
         words.append(f"{repetitions} times")
     if (score := detail.get("score")) is not None:

@@ -50,6 +50,7 @@ class SceneBridge:
 
     movements: those with a binary sensor, ALL for each. step_s: seconds between two judgements at most. certainty: how
     probable a movement must be to be named before it is decided. falls: whether the scene watches for falls.
+    people: the names of several people who are judged apart.
     """
 
     def __init__(
@@ -61,10 +62,11 @@ class SceneBridge:
         step_s: float = 0.1,
         certainty: float = NEVER,
         falls: bool = False,
+        people: Sequence[str] = (),
     ) -> None:
         self.topics, self._wanted_movements, self.left_out = topics, movements, 0
         self._observers, self._area, self._step_s = observers, area, step_s
-        self._names_early, self._falls = certainty < NEVER, falls
+        self._names_early, self._falls, self._people = certainty < NEVER, falls, people
         self._anticipation = Anticipation(certainty)
         self._facets: frozenset[str] = frozenset()
         self._labels: tuple[str, ...] = ()
@@ -159,6 +161,7 @@ class SceneBridge:
                 facets,
                 self._names_early,
                 self._falls,
+                self._people,
             )
             self._of_movements |= self.topics.of_labels(labels, self._movements)
         self._of_movements |= self.counters.topics
@@ -233,7 +236,10 @@ def bridge_of(scene: "Scene", bridge: str) -> SceneBridge:
             raise BadInput(f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {known}")
     step_s, certainty = 1 / scene.fusion.step_hz, scene.hub.certainty
     falls = scene.watch.fallen is not None
-    return SceneBridge(topics_of(scene, bridge), scene.roster, config.movements, config.area, step_s, certainty, falls)
+    people = scene.people.ids if scene.people.most > 1 else ()
+    return SceneBridge(
+        topics_of(scene, bridge), scene.roster, config.movements, config.area, step_s, certainty, falls, people
+    )
 
 
 def require_one_broker(scenes: "Sequence[Scene]") -> None:

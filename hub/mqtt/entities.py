@@ -86,6 +86,10 @@ class Topics:
         """`ON` from the decision to the end of this movement."""
         return f"{self.root}/movement/{label}"
 
+    def person(self, person: str) -> str:
+        """What one of several people does now, as `state` says it of the first."""
+        return f"{self.root}/person/{person}"
+
     def trigger(self, label: str) -> str:
         """The discovery message of the device trigger of this movement."""
         return f"{self.discovery}/device_automation/{self.device()}_{RECOGNISED}_{label}/config"
@@ -176,14 +180,16 @@ def discovery(
     facets: frozenset[str] = frozenset(),
     early: bool = False,
     falls: bool = False,
+    people: Sequence[str] = (),
 ) -> dict[str, str]:
     """Topic and payload for each entity and device trigger of the scene; events and triggers need `labels`.
 
     movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
-    falls: whether the scene watches for falls.
+    falls: whether the scene watches for falls. people: the names of several.
     """
     entities = [*_scene(topics, movements, facets), *_events(topics, labels, early)]
     entities += _falls(topics) if falls else []
+    entities += [_person(topics, person) for person in people]
     entities += [entity for observer in observers for entity in _observer(topics, observer)]
     return dict([*(entity.discovery(topics, area) for entity in entities), *_triggers(topics, labels, area)])
 
@@ -236,6 +242,13 @@ def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> 
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
         yield Entity("binary_sensor", DOES, _title(label), settings, available, label=label)
+
+
+def _person(topics: Topics, person: str) -> Entity:
+    topic = topics.person(person)
+    settings = _word(topic, "movement") | {"json_attributes_topic": topic, "icon": "mdi:account"}
+    name = f"Movement of {person}"
+    return Entity("sensor", "PERSON", name, settings, (topics.bridge, topics.of("availability")), label=person)
 
 
 def _falls(topics: Topics) -> list[Entity]:

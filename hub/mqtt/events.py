@@ -145,6 +145,7 @@ def _facts(verdict: VerdictMessage) -> dict[str, Any]:
         "entropy": rounded(verdict.certainty_bits, 2),
         "unlearned": unlearned(verdict),
         **_score(verdict),
+        **({} if verdict.person is None else {"person": verdict.person}),
     }
 
 

@@ -80,6 +80,11 @@ def retained_states(
         if observer.name in observers:
             states |= dict(_observer(topics, snapshot, observer))
     judgement = snapshot.state.judgement
+    states |= {
+        topics.person(each.person): RetainedState(_json(_now(each) | _word(each)), _now(each)["movement"], FAST_S)
+        for each in snapshot.state.people
+        if each.person is not None
+    }
     if facets and judgement is not None:
         states[topics.of("facets")] = RetainedState(_json(_facets_state(judgement, facets)), None, FAST_S)
     return states

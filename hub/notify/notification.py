@@ -13,7 +13,7 @@ from common.messages import VerdictMessage
 from common.text import printable
 from common.vocabulary import ABSTAIN
 from hub.anticipation import probability
-from hub.wording import clock_time, moment
+from hub.wording import clock_time, moment, of_person
 
 EVERY = "*"
 FALLEN, UP_AGAIN, TEST = "fallen", "up_again", "test"
@@ -60,7 +60,7 @@ def notification_of(message: VerdictMessage | FallMessage, config: NotifyConfig)
     if not is_wanted or message.label == ABSTAIN:
         return None
     p, agreement = probability(message), message.agreement
-    what = message.label.replace("_", " ")
+    what = of_person(message) + message.label.replace("_", " ")
     if message.revises is not None and message.stage == "revised":
         what += f", not {message.revises.replace('_', ' ')}"
     sure = f"{p:.0%} sure, {agreement.k} of {agreement.n} agree"

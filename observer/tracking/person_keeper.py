@@ -21,7 +21,7 @@ from observer.tracking.company import GROWTH, MERGED, OTHER_S, SPEED, STEP
 from observer.tracks import Floats, PersonTracks
 
 JUMP = 0.1
-"""Half of the parts of one that goes on are nearer than this, plus SPEED / 2 each second, to where they are expected."""
+"""Half of the parts of one who goes on are nearer to where they are expected: plus SPEED / 2 each second."""
 ALIKE = 0.05
 """Two people could be exchanged if their bodies then fit this nearly as well."""
 COMMON = 3
@@ -86,6 +86,9 @@ class PersonKeeper:
         free = [body for n, body in enumerate(detections) if n not in matching.values()]
         for row, column in matching.items():
             _take(self._tracks[row], detections[column], at_ns)
+        if free:
+            # Of whom nobody knows who it is there is nothing to remember.
+            self._tracks = [t for t in self._tracks if t.seen_ns == at_ns or not t.unsure]
         for body in sorted(free, key=lambda each: -each.height)[: self._most - len(self._tracks)]:
             self._tracks.append(_Followed(self._new_id(), body, at_ns))
         self._settle(at_ns)

@@ -1,6 +1,6 @@
 // The day page: what the hub's machine has kept of one day, as a strip and as a list.
 import { $, draw, hide, make, put, stored } from "./elements.js";
-import { age, agree, clock, count, percent, scoreWords, words } from "./words.js";
+import { age, agree, clock, count, percent, ofPerson, scoreWords, words } from "./words.js";
 
 const MINUTE_MS = 60000, PAGE = 200, AGAIN_MS = 10000;
 const shown = { rows: [], remembered: 0, clips: {}, number: PAGE };
@@ -39,7 +39,7 @@ const whatIs = (row) => row.kind === "fall" ? "falls" : row.label === "abstain" 
 function what(row) {
   if (row.kind === "fall") return row.ended === null ? "Somebody has fallen" : "Somebody fell, up again";
   const label = (row.revises ? `${words(row.revises)} → ` : "") + whatIs(row);
-  return (row.repetitions ? `${label}, ${count(row.repetitions, "time")}` : label) + scoreWords(row);
+  return ofPerson(row) + (row.repetitions ? `${label}, ${count(row.repetitions, "time")}` : label) + scoreWords(row);
 }
 function show() {
   const label = $("label").value, rows = shown.rows.filter((row) => !label || row.label === label);

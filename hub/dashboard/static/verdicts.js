@@ -1,5 +1,5 @@
 // The verdict that was decided last, and the list of verdicts: each with its reasons, and the way to correct it.
-import { $, attribute, command, hide, keep, make, mark, put } from "./elements.js";
+import { $, attribute, command, hide, keep, make, mark, part, put } from "./elements.js";
 import { age, agree, agreementWords, bits, clock, labelWords, percent, scoreWords, seenBy, took, verdictWords, when, words } from "./words.js";
 
 const ROWS_SHOWN = 6, LONG_WORD = 14;
@@ -14,6 +14,9 @@ export function showLast(last, state) {
   put($("seen"), last ? seenBy(last) : "");
   put($("agreed"), last ? agreementWords(last, state) : "");
   put($("undecided"), state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
+  const people = state.people ?? [];
+  hide($("people"), people.length === 0);
+  part($("people"), people.map((each) => each.words), () => people.map((each) => make("li", "", words(each.words))));
 }
 
 /* The list: a row for each verdict, and below it, on request, its reasons. */

@@ -18,7 +18,8 @@ function listed(names) {
 }
 
 /* Verdicts. */
-export const labelWords = (verdict) => verdict.abstain ? "no agreement" : words(verdict.label);
+export const ofPerson = (verdict) => verdict.person ? `${verdict.person}: ` : "";
+export const labelWords = (verdict) => ofPerson(verdict) + (verdict.abstain ? "no agreement" : words(verdict.label));
 export const verdictWords = (verdict) => (verdict.revises === null ? "" : `${words(verdict.revises)} → `) + labelWords(verdict);
 export const scoreWords = (verdict) => typeof verdict.score === "number" ? `, ${verdict.score.toFixed(1)} of 10` : "";
 export const took = (verdict) => verdict.ended === null ? "now" : age((verdict.ended - verdict.began) / 1000);
