@@ -14,12 +14,14 @@ Kind = Literal["verdict", "fall"]
 KINDS: tuple[Kind, ...] = ("verdict", "fall")
 NS_PER_MS = 1_000_000
 PAGE_FIELDS = (
-    "kind", "id", "label", "began", "ended", "p", "agree", "of", "revises", "corrected", "person", "repetitions", "score",
+    "kind", "id", "label", "began", "ended", "p", "agree", "of", "revises", "corrected", "person",
+    "repetitions", "score",
 )  # fmt: skip
 PAGE_DETAIL = ("person", "repetitions", "score")
 """Of these the page shows what is there."""
 DETAIL = (
-    "person", "why", "unlearned", "repetitions", "score", "scores", "remarks", "unscored", "facing_deg", "rule", "fusion",
+    "person", "why", "unlearned", "repetitions", "score", "scores", "remarks", "unscored", "facing_deg", "rule",
+    "fusion",
 )  # fmt: skip
 """Further fields of a verdict that are kept where they are there."""
 
