@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import httpx
 import pytest
+from processes import SOON_S
 
 from common.address import Address
 from hub.dashboard import connections, serving
@@ -77,7 +78,7 @@ def test_idle_connections_neither_fill_the_page_nor_stay(monkeypatch):
             # All are closed: the first ones for the others, the last ones after their time.
             for reader, writer in crowd:
                 with contextlib.suppress(ConnectionResetError):
-                    assert await asyncio.wait_for(reader.read(), 5) == b""
+                    assert await asyncio.wait_for(reader.read(), SOON_S) == b""
                 writer.close()
             run.stop.set()
             await server

@@ -5,6 +5,7 @@ import re
 
 import httpx
 import pytest
+from processes import SOON_S
 
 from common.address import Address
 from common.errors import BadInput
@@ -146,7 +147,7 @@ def test_requests_that_wait_are_answered_when_the_server_ends(lesson_server):
             waits = asyncio.create_task(client.get("/teach/state?after=7", headers=BEARER))
             await asyncio.sleep(0)
             page.end()
-            return await asyncio.wait_for(waits, 2.0)
+            return await asyncio.wait_for(waits, SOON_S)
 
     assert asyncio.run(main()).json()["version"] == 7
 
