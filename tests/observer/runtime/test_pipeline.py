@@ -1,7 +1,7 @@
 """Frames become instants at the model's rate; posteriors that are not sent are never off by more than the bound."""
 
 import threading
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 import pytest
@@ -315,6 +315,33 @@ def test_between_frames_that_an_observer_left_out_people_go_on(gap_s, seen):
     at_ns = 4 * SECOND_NS // 10 + round(gap_s * SECOND_NS)
     *between, _ = resampler.update(at_ns, there, skipped=True)
     assert all(tracks.visible.all() == seen for tracks in between)
+
+
+def thrown(seconds):
+    """A part with constant acceleration, and one that is seen in the first half second."""
+    return Tracks(np.array([[3 * seconds, 7 - 5 * seconds**2], [1.0, 1.0] if seconds < 0.5 else [np.nan, np.nan]]))
+
+
+@given(st.lists(st.floats(0.1, 0.2), min_size=3, max_size=12))
+def test_between_frames_that_an_observer_left_out_parts_move_on_a_parabola(gaps):
+    resampler, times = Resampler(15.0), np.concatenate([[0.0], np.cumsum(gaps)])
+    updates = [resampler.update(round(t * SECOND_NS), thrown(t), skipped=n > 1) for n, t in enumerate(times)]
+    first, later = ([*chain(*some)] for some in (updates[:2], updates[2:]))
+    instants = np.arange(len(first), len(first) + len(later)) / 15.0
+    expected = [thrown(t).centres[0] for t in instants]
+    assert np.allclose([tracks.centres[0] for tracks in later], expected, atol=1e-6)
+    straight = np.interp(instants, times, 7 - 5 * times**2)
+    assert np.abs(straight - np.array(expected)[:, 1]).max() > 1e-3
+
+
+@pytest.mark.parametrize(("before_s", "skipped"), [(0.2, False), (0.01, True), (1.0, True)])
+def test_parts_move_straight_between_frames_of_the_camera_and_without_a_sight_before(before_s, skipped):
+    resampler = Resampler(20.0)
+    for t in (-before_s, 0.0):
+        resampler.update(round((t + 2) * SECOND_NS), Tracks(np.array([[t**2, 0.0]])))
+    between = resampler.update(round(2.2 * SECOND_NS), Tracks(np.array([[0.04, 0.0]])), skipped=skipped)
+    places = np.array([tracks.centres[0, 0] for tracks in between])
+    assert len(places) >= 4 and np.allclose(np.diff(places), 0.01)
 
 
 def test_an_empty_room_that_is_looked_at_seldom_makes_no_camera_slow():
