@@ -1,7 +1,8 @@
 """Makes the pictures of docs/guide anew: `make guide-pictures`, or `python tests/browser/guide_pictures.py FOLDER`.
 
 Real processes before a real browser: the demo's scene with its synthetic performer for the dashboard, and a lesson with
-the same performer for the Teach page. The page of a phone that is a camera shows a drawn person. With --dark the Teach
+the same performer for the Teach page. The page of a phone that is a camera shows a drawn person, and the
+README's stories a played scene. With --dark the Teach
 page is drawn in dark colours, to be looked at.
 """
 
@@ -27,7 +28,7 @@ sys.path += [
 
 from e2e_stage import free_endpoint, write_scene
 from phone_picture import draw_phone
-from played_scene import ROOT, Dashboard, environment
+from played_scene import ROOT, Dashboard, PlayedScene, environment
 from processes import labanmesh
 from teach_stage import TaughtScene
 
@@ -108,6 +109,41 @@ def draw_fall(chromium, folder, work):
         page.close()
 
 
+def draw_stories(chromium, folder, work):
+    """The README's first two stories, told by a fusion service that publishes what they say."""
+    with PlayedScene("dojo", ("sofa", "shelf", "door")) as scene:
+        scene.teach(("wave", "squat", "clap", "point"))
+        scene.repeat("squat")
+        with Dashboard(scene.scene_file(work / "stories.toml")) as dashboard:
+            page = chromium.new_page(viewport={"width": 420, "height": 844}, color_scheme="light")
+            page.goto(dashboard.url)
+            scene.publish_verdict("wave", 1)
+            page.wait_for_selector("#last[data-kind=open]:has-text('wave')")
+            take(page.locator("#last"), folder / "story-wave.png")
+            scene.publish_verdict("wave", 1, ended=True)
+            scene.publish_verdict("squat", 2, repetitions=8, partial_repetitions=1)
+            page.fill("#target", "10")
+            page.press("#target", "Tab")
+            page.wait_for_selector("#counted:has-text('8')")
+            count = page.locator("#counter").screenshot()
+            scores = {"sofa": 7.6, "shelf": 8.1, "door": 7.9}
+            remarks = ("left knee: 12 degrees too straight at 60 %",)
+            scene.publish_verdict("squat", 2, ended=True, repetitions=8, score=7.9, scores=scores, remarks=remarks)
+            page.wait_for_selector("#verdicts tr:has-text('7.9 of 10')")
+            save(stacked(count, page.locator("section:has(#log)").screenshot()), folder / "story-squat.png")
+            page.close()
+
+
+def stacked(*pictures):
+    """PNGs, one below the other."""
+    drawn = [Image.open(BytesIO(picture)).convert("RGB") for picture in pictures]
+    whole = Image.new("RGB", (max(each.width for each in drawn), sum(each.height for each in drawn)), "white")
+    for number, each in enumerate(drawn):
+        whole.paste(each, (0, sum(above.height for above in drawn[:number])))
+    whole.save(file := BytesIO(), "PNG")
+    return file.getvalue()
+
+
 def keep(path):
     """Movements of this day until now, so many that the strip shows something."""
     rng = random.Random(0)  # noqa: S311 - moments, no secrets
@@ -179,6 +215,7 @@ def main(words):
         sys.exit(f"guide_pictures: {'name one folder that exists' if path else 'no chromium here (Debian: chromium)'}")
     with sync_playwright() as driver, tempfile.TemporaryDirectory() as work:
         chromium = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        draw_stories(chromium, folders[0], Path(work))
         draw_dashboard(chromium, folders[0], Path(work))
         draw_fall(chromium, folders[0], Path(work))
         draw_teach(chromium, folders[0], Path(work), "dark" if "--dark" in words else "light")
