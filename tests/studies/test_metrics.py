@@ -69,6 +69,12 @@ def test_the_papers_counts_give_its_printed_errors_and_rates(table):
     assert round(1 - errors.sum() / table.printed_trials, 2) == table.printed_rate
 
 
+def test_the_papers_misprint_stays_as_printed():
+    assert [table.confusion.sum() for table in (TABLE_I, TABLE_II, TABLE_III)] == [95, 95, 96]
+    point = MOVEMENTS.index("point")
+    assert (TABLE_I.confusion[point].sum(), TABLE_III.confusion[point].sum()) == (12, 13)
+
+
 def test_table_i_is_laid_out_as_in_the_paper():
     assert confusion_table(TABLE_I.confusion, MOVEMENTS).splitlines() == [
         "           1  2  3  4  5  6  7  8   Σ errors",
