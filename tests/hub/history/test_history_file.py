@@ -182,7 +182,8 @@ class Keeper:
             return file.rows
 
 
-def test_a_locked_file_loses_nothing_and_is_one_line(path, caplog):
+def test_a_locked_file_loses_nothing_and_is_one_line(path, caplog, monkeypatch):
+    monkeypatch.setattr("hub.history.keeper.BUSY_S", 0.05)
     keeper = Keeper(path)
     keeper.keeper.add(row(1))
     other = sqlite3.connect(path, isolation_level=None)
