@@ -5,8 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
-from scipy.signal import savgol_filter
-from scipy.stats import chi2, circmean, circstd
 
 from observer.geometry.projection import pinhole_matrix, project
 from observer.motion.even_rate import at_even_rate
@@ -182,6 +180,8 @@ def test_a_metre_is_as_many_pixels_as_across_the_optical_axis_on_average_over_th
 @pytest.mark.parametrize("cameras", [2, 4])
 def test_the_noise_of_a_track_is_that_of_one_camera_in_metres(cameras):
     """The residuals of a point in n cameras have 2n - 3 degrees of freedom; the median of many instants is taken."""
+    from scipy.stats import chi2  # it takes half a second, in each worker that reads this file
+
     matrices = [pinhole_matrix(yaw, 0.1, 3.0, 900, (640, 360)) for yaw in (-0.8, 0.5, 1.6, 2.9)[:cameras]]
     rng, freedom = np.random.default_rng(0), 2 * cameras - 3
     centres = np.stack([project(H, np.zeros((800, 1, 3))) for H in matrices], axis=2)
@@ -205,6 +205,8 @@ def test_a_pair_is_put_right_only_where_the_gate_shows_that_it_was_exchanged(apa
 
 
 def test_positions_are_smoothed_over_a_tenth_of_a_second_on_either_side():
+    from scipy.signal import savgol_filter
+
     rng = np.random.default_rng(0)
     positions = np.cumsum(rng.normal(0, 0.02, (60, 2, 3)), axis=0)
     result = smoothed(positions, 60.0, np.array([0.01, 0.0]))
@@ -215,6 +217,8 @@ def test_positions_are_smoothed_over_a_tenth_of_a_second_on_either_side():
 @pytest.mark.parametrize("spread", [0.05, 0.6])
 def test_the_facing_is_the_circular_mean_and_its_spread_the_circular_deviation(spread):
     """Also across 180 degrees, and whatever the lengths of the lines."""
+    from scipy.stats import circmean, circstd
+
     rng = np.random.default_rng(0)
     angles = np.pi + rng.normal(0, spread, 200)
     lines = rng.uniform(0.2, 3.0, (200, 1)) * np.stack([np.cos(angles), 0 * angles, -np.sin(angles)], axis=1)
