@@ -48,6 +48,22 @@ def scene_with(tmp_path, url, more=""):
     return read_scene(path, {})
 
 
+class Simulated:
+    """Pauses as in the product, of a clock that each of them sets forward; the sender hardly waits."""
+
+    def __init__(self):
+        self.now_s, self.lengths_s = 0.0, []
+
+    def after(self, failures):
+        pause_s = Pauses().after(failures)
+        self.lengths_s.append(pause_s)
+        self.now_s += pause_s
+        return 0.001
+
+    def clock(self):
+        return NOON + round(self.now_s * SECOND_NS)
+
+
 class Told:
     """Verdicts that are told by the scene's receivers."""
 
@@ -146,6 +162,38 @@ def test_all_that_is_due_arrives_once_in_order_at_a_server_that_fails_is_slow_an
         until(lambda: len(server.accepted) == 50)
         assert server.texts == [f"m{number}" for number in range(50)]
     assert "answers 50" in caplog.text and "works again" in caplog.text
+
+
+def test_after_an_hour_of_failures_all_arrives_once_in_order_and_memory_is_flat(make, tmp_path):
+    pauses = Simulated()
+
+    def answer(number, handler):
+        if pauses.now_s < 3600:
+            return 503
+        server.ended.wait(0.1 if len(server.accepted) < 3 else 0)
+        return 200
+
+    with WebhookServer(answer) as server:
+        scene = scene_with(tmp_path, server.url, "cooldown_s = 0\n")
+        notifying = Notifying(scene, time.monotonic, pauses.clock, pauses)
+        try:
+            told = 0
+            gc.collect()
+            tracemalloc.start()
+            # A movement every minute of the hour.
+            while told < 60:
+                until(lambda told=told: pauses.now_s >= 60 * told)
+                verdict = make.verdict(told, label=f"m{told}", began_ns=pauses.clock(), at_ns=pauses.clock())
+                notifying.take(verdict, answered=False)
+                told += 1
+            grown, _ = tracemalloc.get_traced_memory()
+            tracemalloc.stop()
+            until(lambda: len(server.accepted) >= 60)
+        finally:
+            notifying.close()
+    assert server.texts == [f"m{number}" for number in range(60)]
+    assert pauses.lengths_s[:9] == [1, 2, 4, 8, 16, 32, 64, 128, 256] and set(pauses.lengths_s[9:]) == {300}
+    assert len(pauses.lengths_s) < 25 and grown < 1_000_000
 
 
 def test_what_waits_outlives_a_restart_and_nothing_is_told_twice(make, tmp_path):
