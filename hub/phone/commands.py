@@ -67,12 +67,9 @@ def phone(
         return
     from hub.phone.running import PhoneRun, run_phones
 
-    names = _own_hosts(Address.parse(listen, "--listen"), host)
-    run_phones(
-        PhoneRun(
-            config, _observers(config, observer), file, Address.parse(listen, "--listen"), names, certificate, for_s
-        )
-    )
+    address = Address.parse(listen, "--listen")
+    names, observers = _own_hosts(address, host), _observers(config, observer)
+    run_phones(PhoneRun(config, observers, file, address, names, certificate, for_s))
 
 
 def _manage(scene: "Scene", file: "RegisterFile", show_list: bool, revoke: str | None) -> None:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.history import WRITER
 from common import SECOND_NS
 from common.config_events import HistoryConfig
 from common.fall_messages import FallMessage
@@ -138,20 +139,6 @@ def test_corrections_and_forgetting(path):
         assert {each.id: each.corrected for each in file.select(HistoryQuery())}["v1"] == "clap"
         assert file.forget("clap") == 2 and file.labels() == ["bow"]
         assert file.forget() == 1 and file.rows == 0
-
-
-WRITER = """
-import sys
-from pathlib import Path
-from hub.history.history_file import HistoryFile
-from hub.history.records import HistoryRow
-with HistoryFile.to_write(Path(sys.argv[1])) as file:
-    n = file.rows
-    while True:
-        n += 1
-        file.add(HistoryRow("verdict", f"v{n}", "wave", "ended", n, n, n))
-        print(n, flush=True)
-"""
 
 
 def test_no_row_that_was_acknowledged_is_lost_by_a_kill(path):
