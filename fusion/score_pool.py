@@ -16,21 +16,27 @@ SAME = 1.5
 
 
 class JudgedScore(NamedTuple):
-    """One judge's score, 0 to 10, and its certainty, 0 to 1."""
+    """One judge's score, 0 to 10, its certainty, and how far it is trusted, both 0 to 1."""
 
     score: float
     certainty: float = 1.0
+    trust: float = 1.0
+
+    @property
+    def weight(self) -> float:
+        """Among those that stay."""
+        return self.certainty * self.trust
 
 
 def pooled_score(scores: Mapping[str, JudgedScore]) -> float | None:
-    """The mean by certainty of the scores that stay; None without any."""
+    """The mean by certainty and trust of the scores that stay; None without any."""
     kept = [scores[name] for name in kept_judges(scores)]
-    total = sum(each.certainty for each in kept)
+    total = sum(each.weight for each in kept)
     if not kept:
         return None
     if total <= 0.0:
         return sum(each.score for each in kept) / len(kept)
-    return sum(each.score * each.certainty for each in kept) / total
+    return sum(each.score * each.weight for each in kept) / total
 
 
 def kept_judges(scores: Mapping[str, JudgedScore]) -> list[str]:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from observer.model.base import Arrays
 from observer.model.body_trace import hop_of, width_of
-from observer.score.deviations import weights_of
+from observer.score.deviations import columns_of
 from observer.score.limbs import joints_of, limbs_of
 from observer.score.references import ReferenceSpread, ReferenceTake, ReferenceTakes
 
@@ -30,7 +30,7 @@ def references_as_arrays(references: Mapping[str, ReferenceTakes]) -> dict[str, 
         "reference_mirrored": np.array([take.mirrored for take in takes], np.bool_),
         "reference_usual": np.array([each.usual for each in spreads]),
         "reference_spreads": np.array([each.spread for each in spreads]),
-        "reference_scales": np.array([(each.farthest, each.typical, each.worst) for each in spreads]),
+        "reference_scales": np.array([(each.farthest, each.typical) for each in spreads]),
         "reference_remarked": np.array([each.remarked for each in spreads]),
     }
 
@@ -42,11 +42,12 @@ def references_from_arrays(
     if LABELS_ARRAY not in arrays:
         return {}
     own = [str(label) for label in arrays[LABELS_ARRAY]]
-    deviations, joints = len(weights_of(len(limbs_of(body_parts)))), len(joints_of(body_parts))
+    joints = len(joints_of(body_parts))
+    deviations = len(columns_of(limbs_of(body_parts), joints_of(body_parts)))
     traces = np.asarray(arrays["reference_traces"], np.float32)
     lengths = np.asarray(arrays["reference_lengths"], np.int64)
     numbers = [np.asarray(arrays[f"reference_{n}"], np.float64) for n in ("usual", "spreads", "scales", "remarked")]
-    shapes = [(len(own), columns) for columns in (deviations, deviations, 3, joints)]
+    shapes = [(len(own), columns) for columns in (deviations, deviations, 2, joints)]
     if [each.shape for each in numbers] != shapes or not all(np.isfinite(each).all() for each in numbers):
         raise ValueError(f"references have shapes {[each.shape for each in numbers]}; finite {shapes} are expected")
     if traces.ndim != 2 or traces.shape[1] != width_of(len(body_parts)) or not np.isfinite(traces).all():
@@ -67,8 +68,8 @@ def references_from_arrays(
         raise ValueError("reference_counts do not fit")
     result = {}
     for n, (label, end) in enumerate(zip(own, ends, strict=True)):
-        usual, spreads, (farthest, typical, worst), remarked = (each[n] for each in numbers)
-        spread = ReferenceSpread(usual, spreads, float(farthest), float(typical), float(worst), remarked)
+        usual, spreads, (farthest, typical), remarked = (each[n] for each in numbers)
+        spread = ReferenceSpread(usual, spreads, float(farthest), float(typical), remarked)
         begin = int(ends[n - 1]) if n else 0
         result[label] = ReferenceTakes(takes[begin : int(end)], body_parts, rate_hz / hop_of(rate_hz), spread)
     return result

@@ -14,17 +14,19 @@ from common.errors import BadInput
 from common.text import plural
 from observer.model.nearest_take import USUAL_DISTANCE
 from observer.score.alignment import Alignment
-from observer.score.deviations import DEVIATION_GROUPS, deviations, weights_of
+from observer.score.deviations import columns_of, deviations, weights_of
 from observer.score.limbs import Limb, angles_of, joints_of, limbs_of, places_of
-from observer.score.remarks import Band, Remark, largest, remarks_of
+from observer.score.remarks import OWN_TOLERANCE, TOLERANCE, Band, Remark, largest, remarks_of
 from observer.tracks import Floats, Floats32
 
 LEAST_REFERENCES = 3
 """Each is compared with the others: with two there would be no spread of them."""
 BAND = 8
 """Takes nearest to a performance that make the reference band."""
-BEST, WORST = 10.0, 5.0
-"""Of references: the score of a typical one, and of their worst."""
+BEST, HALF = 10.0, 0.5
+"""The score of a typical reference, and what is left of it where the deviations are one spread larger on average: about
+as in the worst of 40 references of UI-PRMD (1.06, the median over exercises, views and people left out; .5 to 2.5, so
+that the worst itself, a single take, would be no unit)."""
 FAR = 3.0
 """Times the distance of the farthest reference from the others, but at least what takes of one movement usually differ
 by: what is farther is another movement."""
@@ -46,14 +48,13 @@ class ReferenceSpread(NamedTuple):
     """How much the references differ among themselves, each compared as a performance is.
 
     usual, spread (R,): mean and deviation of R deviations. farthest: distance of a reference from the nearest other
-    one. typical, worst: the badness of half of them, and of the worst. remarked (J,): see `largest`.
+    one. typical: the badness of half of them. remarked (J,): see `largest`.
     """
 
     usual: Floats
     spread: Floats
     farthest: float
     typical: float
-    worst: float
     remarked: Floats
 
 
@@ -95,7 +96,8 @@ class ReferenceTakes:
         self._limbs, self._joints, self._rate_hz = limbs_of(body_parts), joints_of(body_parts), rate_hz
         self._places = [places_of(take.trace) for take in takes]
         self._people = np.array([take.person for take in takes])
-        self._weights = weights_of(len(self._limbs))
+        columns = columns_of(self._limbs, self._joints)
+        self._weights, self._limb_of = weights_of(columns), np.array([limb for _, limb in columns])
         self.spread = spread or self._measured(own)
 
     def _measured(self, own: Sequence[int]) -> ReferenceSpread:
@@ -104,8 +106,9 @@ class ReferenceTakes:
         farthest = max(distance for *_, distance in compared)
         usual, spread = rows.mean(axis=0), rows.std(axis=0) + LEAST_SPREAD
         badness = self._weights @ np.maximum((rows - usual) / spread, 0.0).T
-        remarked = largest([band for _, band, _ in compared])
-        return ReferenceSpread(usual, spread, farthest, float(np.median(badness)), float(badness.max()), remarked)
+        is_one = len({*self._people.tolist()}) == 1
+        remarked = largest([band for _, band, _ in compared], OWN_TOLERANCE if is_one else TOLERANCE)
+        return ReferenceSpread(usual, spread, farthest, float(np.median(badness)), remarked)
 
     def _others(self, take: int) -> list[int]:
         """Those of other people; of one person, the other takes."""
@@ -127,8 +130,7 @@ class ReferenceTakes:
             far = f"{times:.0f} times as far from the references as any of them"
             return JudgeScore(None, certainty, uncertain=f"this is another movement: {far}")
         off = self._spreads(row)
-        per_limb = off[: len(DEVIATION_GROUPS) * len(self._limbs)].reshape(len(DEVIATION_GROUPS), -1).mean(axis=0)
-        limbs = tuple((limb.name, float(each)) for limb, each in zip(self._limbs, per_limb, strict=True))
+        limbs = tuple((limb.name, float(off[self._limb_of == limb.name].mean())) for limb in self._limbs)
         remarks = remarks_of(band, self.spread.remarked)
         return JudgeScore(self._score(float(self._weights @ off)), certainty, remarks, limbs, band)
 
@@ -138,9 +140,9 @@ class ReferenceTakes:
         near = np.argsort(alignment.distances)[:BAND]
         paths = [alignment.path(int(k)) for k in near]
         shown = [self._places[others[int(k)]] for k in near]
-        row = deviations(places, shown[0], paths[0], self._rate_hz, self._limbs)
         angles = [angles_of(each, self._joints) for each in shown]
         band = Band.of(angles_of(places, self._joints), angles, paths, self._joints)
+        row = deviations(places, shown[0], paths[0], self._rate_hz, self._limbs, band.ranges)
         return row, band, float(alignment.distances.min())
 
     def _spreads(self, row: Floats) -> Floats:
@@ -149,9 +151,7 @@ class ReferenceTakes:
         return spreads
 
     def _score(self, badness: float) -> float:
-        typical, worst = self.spread.typical, self.spread.worst
-        halves = max(badness - typical, 0.0) / max(worst - typical, LEAST_SPREAD)
-        return float(BEST * (WORST / BEST) ** halves)
+        return float(BEST * HALF ** max(badness - self.spread.typical, 0.0))
 
     def _seen_share(self, seen: Sequence[bool] | None) -> float:
         return sum(_is_seen(limb, seen) for limb in self._limbs) / len(self._limbs) if self._limbs else 0.0

@@ -11,10 +11,14 @@ from observer.tracks import Floats, Integers
 
 POINTS = 20
 """Moments of a performance at which joints are compared, 5 % apart: each the mean of what is nearest to it."""
+QUARTERS = 4
+"""Of a movement: over each the angles are averaged before a joint is remarked, because noise and a moment's delay at a
+turning point are no error."""
 LEAST_DEGREES = 8.0
 """A tracker's noise of one angle, and what people hardly see."""
-REFERENCE_TOLERANCE = 1.5
-"""Times what the farthest reference is off: people vary more from day to day than within the few takes of one."""
+TOLERANCE, OWN_TOLERANCE = 1.5, 2.5
+"""Times what the farthest reference is off, where they are of several people, and where they are of one: people vary
+more from day to day than within the few takes of one. On UI-PRMD nine of ten unchanged takes then have no remark."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +40,16 @@ class Remark:
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Angles of J joints at POINTS moments, degrees: the performance, and mean and deviation of the references."""
+    """Angles of J joints at POINTS moments, degrees: the performance, and mean and deviation of the references.
+
+    ranges: (2, J) degrees, how far the joints of the performance go, and those of the first reference.
+    """
 
     joints: tuple[LimbJoint, ...]
     own: Floats
     mean: Floats
     deviation: Floats
+    ranges: Floats
 
     @classmethod
     def of(cls, own: Floats, shown: Sequence[Floats], paths: Sequence[Integers], joints: Sequence[LimbJoint]) -> "Band":
@@ -50,7 +58,9 @@ class Band:
         place = np.minimum(moments.astype(int), POINTS - 1)
         aligned = [each[path[:, 1]] for each, path in zip(shown, paths, strict=True)]
         sampled = np.array([_means(place[path[:, 0]], each) for path, each in zip(paths, aligned, strict=True)])
-        return cls(tuple(joints), _means(place, own), sampled.mean(axis=0), sampled.std(axis=0))
+        at_moments = _means(place, own)
+        ranges = np.ptp([at_moments, sampled[0]], axis=1)
+        return cls(tuple(joints), at_moments, sampled.mean(axis=0), sampled.std(axis=0), ranges)
 
     @property
     def spreads(self) -> Floats:
@@ -69,19 +79,20 @@ def _means(place: Integers, values: Floats) -> Floats:
 
 
 def _strength(band: Band) -> Floats:
-    """(J,) how far each joint is off over the whole movement: the root mean square of its spreads."""
-    strength: Floats = np.sqrt((band.spreads**2).mean(axis=0))
+    """(J,) how far each joint is off over the whole movement: root mean square over quarters of its mean spreads."""
+    means = band.spreads.reshape(QUARTERS, POINTS // QUARTERS, -1).mean(axis=1)
+    strength: Floats = np.sqrt((means**2).mean(axis=0))
     return strength
 
 
-def largest(bands: Sequence[Band]) -> Floats:
+def largest(bands: Sequence[Band], tolerance: float = TOLERANCE) -> Floats:
     """(J,) the strength at which a joint is remarked: more than any reference has, each against the others."""
     strengths = np.array([_strength(band) for band in bands])
     if not strengths.size:
         return np.zeros(strengths.shape[1] if strengths.ndim > 1 else 0)
     usual = strengths.mean(axis=0) + 1e-6
     # One limit for all joints together, so that many joints do not mean many remarks.
-    limits: Floats = REFERENCE_TOLERANCE * usual * float((strengths / usual).max())
+    limits: Floats = tolerance * usual * float((strengths / usual).max())
     return limits
 
 

@@ -34,7 +34,7 @@ def score(
 ) -> None:
     """Score performances from 0 to 10 against takes that show how it should be done.
 
-    10 is typical of these, 5 is their worst. Each view is a judge, as at a Kata competition: of four and more the
+    10 is typical of these, 5 about their worst. Each view is a judge, as at a Kata competition: of four and more the
     highest and the lowest score are dropped. What cannot be scored is said, in one line.
 
     Example: labanmesh score mine.npz --references teacher.npz --label squat

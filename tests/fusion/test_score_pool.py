@@ -20,9 +20,10 @@ def test_the_highest_and_the_lowest_of_four_are_dropped():
     assert kept_judges(judged(9, 7, 0, 8)) == ["cam1", "cam3"]
 
 
-def test_fewer_are_averaged_by_certainty():
+def test_fewer_are_averaged_by_certainty_and_trust():
     assert pooled_score(judged(9, 6)) == pytest.approx(7.5)
     assert pooled_score(judged(JudgedScore(9, 1.0), JudgedScore(6, 0.5))) == pytest.approx(8)
+    assert pooled_score(judged(JudgedScore(9), JudgedScore(6, trust=0.5))) == pytest.approx(8)
     assert pooled_score({}) is None and pooled_score(judged(JudgedScore(4, 0.0))) == 4
 
 
