@@ -30,7 +30,7 @@ from common.posterior import PosteriorMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from fusion.engine.engine import FusionEngine
-from fusion.people import People, Sighting
+from fusion.people import ScenePeople, SeenTrack
 from fusion.people_ingest import PeopleIngest
 from observer.geometry.placement import PersonPlacement
 from observer.geometry.projection import pinhole_matrix
@@ -61,7 +61,7 @@ LATE_NS = 30_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Performance:
+class RoomPart:
     """One person's part. positions: (F, P, 3), in the room. crossing: frames, begin and end. spans: as performed."""
 
     positions: Floats
@@ -74,7 +74,7 @@ class Trial:
     """Two people `apart` m from each other, seen by the first cameras, which have learned from other people."""
 
     models: Sequence[MovementModel]
-    people: tuple[Performance, Performance]
+    people: tuple[RoomPart, RoomPart]
     rate_hz: float
     apart: float
 
@@ -122,7 +122,7 @@ def camera(number: int) -> View:
 
 
 def performed(recordings: Sequence[Recording], parts: tuple[str, ...], places: tuple[Floats, Floats], aside: float,
-              rng: np.random.Generator) -> Performance:  # fmt: skip
+              rng: np.random.Generator) -> RoomPart:  # fmt: skip
     """Half of the recordings at the first place, the others at the second, and the walk in between."""
     half = len(recordings) // 2
     halves, spans, frames = [], list[Span](), 0
@@ -138,10 +138,10 @@ def performed(recordings: Sequence[Recording], parts: tuple[str, ...], places: t
     between = first[-1] * (1 - share) + second[0] * share
     between[:, :, 2] += aside * np.sin(np.pi * share[:, :, 0])
     walked = np.concatenate([first, between, second])
-    return Performance(walked, (len(first), len(first) + len(between)), spans)
+    return RoomPart(walked, (len(first), len(first) + len(between)), spans)
 
 
-def together(one: Performance, other: Performance) -> tuple[Performance, Performance]:
+def together(one: RoomPart, other: RoomPart) -> tuple[RoomPart, RoomPart]:
     """The same, crossing at one time and equally long: who is ready earlier waits."""
     begin = max(one.crossing[0], other.crossing[0])
     padded = [_waiting(each, begin - each.crossing[0], each.crossing[0]) for each in (one, other)]
@@ -150,12 +150,12 @@ def together(one: Performance, other: Performance) -> tuple[Performance, Perform
     return first, second
 
 
-def _waiting(person: Performance, frames: int, before: int) -> Performance:
+def _waiting(person: RoomPart, frames: int, before: int) -> RoomPart:
     still = np.repeat(person.positions[before - 1 : before], frames, axis=0)
     positions = np.concatenate([person.positions[:before], still, person.positions[before:]])
     begin, end = (at + frames if at >= before else at for at in person.crossing)
     moved = [Span(s.start + frames, s.end + frames, s.label) if s.start >= before else s for s in person.spans]
-    return Performance(positions, (begin, end), moved)
+    return RoomPart(positions, (begin, end), moved)
 
 
 class Stage:
@@ -176,7 +176,7 @@ class Stage:
         ids = PeopleConfig(most=2).ids
         config = FusionConfig(quorum=(len(names) + 1) // 2)
         self._engines = {p: FusionEngine("people", names, self._vocabulary, config, p) for p in ids}
-        self._people = People(ids)
+        self._people = ScenePeople(ids)
         self._ingest = PeopleIngest(self._people, names, lambda _: None)
 
     def run(self, positions: Floats) -> Run:
@@ -203,13 +203,13 @@ class Stage:
         return run
 
 
-def crossed(people: tuple[Performance, Performance], rate_hz: float, cameras: int) -> tuple[bool, bool]:
+def crossed(people: tuple[RoomPart, RoomPart], rate_hz: float, cameras: int) -> tuple[bool, bool]:
     """Whether two people who cross are exchanged, and whether one is lost, by their places alone."""
     parts = (*WHOLE_BODY, *(f"{part}@2" for part in WHOLE_BODY))
     views = [camera(number) for number in range(cameras)]
     trackers = [PreparedTracker(ProjectedPeople(view, parts, 2), WHOLE_BODY, view) for view in views]
     placers = [FloorPlacer(view, None, alone=False) for view in views]
-    room, run = People(PeopleConfig(most=2).ids), Run()
+    room, run = ScenePeople(PeopleConfig(most=2).ids), Run()
     begin, end = people[0].crossing
     first, last = max(begin - round(2 * rate_hz), 0), min(end + round(3 * rate_hz), len(people[0].positions)) - 1
     for n in range(first, last + 1):
@@ -219,7 +219,7 @@ def crossed(people: tuple[Performance, Performance], rate_hz: float, cameras: in
         for number, (tracker, placer) in enumerate(zip(trackers, placers, strict=True)):
             tracker.update(Frame(at_ns, content))
             places = [(str(track.id), placer.place(WHOLE_BODY, track, 0)) for track in tracker.persons()]
-            sightings += [Sighting(f"corner{number}", track, place, at_ns) for track, place in places if place]
+            sightings += [SeenTrack(f"corner{number}", track, place, at_ns) for track, place in places if place]
         room.update(sightings, at_ns)
         for person in room.present:
             run.places.setdefault(person, []).append((n, *(room.place(person, at_ns) or (0.0, 0.0))))
@@ -261,7 +261,7 @@ def judged(trial: Trial) -> Result:
     return Result(alone, kept, wrong, total, exchanged, lost)
 
 
-def _is_right(verdict: VerdictMessage, person: Performance, rate_hz: float) -> bool:
+def _is_right(verdict: VerdictMessage, person: RoomPart, rate_hz: float) -> bool:
     begin, end = ((at - BEGIN_NS) / SECOND_NS * rate_hz for at in (verdict.began_ns, verdict.ended_ns or 0))
     return any(s.label == verdict.label and begin < s.end and end > s.start for s in person.spans)
 

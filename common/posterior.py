@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from msgspec.structs import force_setattr, replace
 
 from common.facets import FACETS
-from common.floor_place import FloorPlace
+from common.floor_place import FloorPlace as FloorPlace
 from common.message_types import (
     ID_LIMIT,
     LABEL_LIMIT,

@@ -3,9 +3,9 @@
 Where a network is split, or two fusion services take over from each other, both may judge one movement, each under an
 id of its own.
 
-1. Two verdicts of different services, or of two runs of one, that have the same label and overlap by half of the
-   shorter time or more are about one movement. Its time is from its begin to its end, or, while it goes on, to the
-   newest message that shows it.
+1. Two verdicts of different services, or of two runs of one, that have the same label and person, and overlap by half
+   of the shorter time or more, are about one movement. Its time is from its begin to its end, or, while it goes on, to
+   the newest message that shows it.
 2. A listener keeps the id that it knew first. Under that it takes the end, whichever service says it first, and
    ignores everything else about the other id.
 3. The service that stands down ends its movement with `same_as`, the other's id. A listener that knew the movement
@@ -91,7 +91,7 @@ class SameMovement:
         """Note under which id the movement of a new one is known, if it is (rule 1)."""
         for first_id, known in reversed(self._known.items()):
             own = known.verdict
-            if (own.fusion, own.session) == (verdict.fusion, verdict.session):
+            if own.person != verdict.person or (own.fusion, own.session) == (verdict.fusion, verdict.session):
                 continue
             if is_same_movement(own.label, (own.began_ns, known.until_ns), verdict.label, span_of(verdict)):
                 self._first_ids[verdict.id] = first_id

@@ -20,11 +20,10 @@ from common.message_types import OVERLOADED, SAME_ID_REASON, STANDING_BY
 from common.messages import JudgementMessage, ProcessState
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from fusion.checkpoint import Checkpoint
+from fusion.checkpoint import Checkpoint, checkpoint_file
 from fusion.engine.engine import FusionEngine
 from fusion.fall_watch import FallWatch
 from fusion.ownership import Ownership, Role
-from fusion.people_checkpoint import checkpoint_file
 from fusion.people_worker import Worker, worker_of
 from fusion.same_id import SameIdDetector, SameIdWatch, Stance
 from fusion.scene_worker import Service
@@ -62,10 +61,8 @@ class SceneMember:
         self.status = ProcessStatus(scene.scene, service.own)
         self.status.session = service.session
         self._session = service.link.sub_session(polled=service.polled)
-        self._status_publisher = StatusPublisher(
-            self._session, scene.keys.fusion_status(service.own), self.status, service.clock,
-            supervisor=service.supervisor,
-        )  # fmt: skip
+        own, supervisor = scene.keys.fusion_status(service.own), service.supervisor
+        self._status_publisher = StatusPublisher(self._session, own, self.status, service.clock, supervisor=supervisor)
         self._services = self._session.presence(scene.keys.fusion_alive(), map(scene.keys.fusion_alive, scene.services))
         detector = SameIdDetector(service.session, service.ticks(), takeover_s)
         self._same_id, self._id_is_shared = SameIdWatch(self._session, scene.keys, service.own, detector), False
@@ -156,7 +153,7 @@ class SceneMember:
             self.worker.adopt(message)
 
     def _take_own(self, message: JudgementMessage, now_s: float) -> None:
-        """Take a message under this service's own id: one of another process that runs is as one of another service."""
+        """Take a message under this service's own id, as of another service if another process with it runs."""
         if self._same_id.record_judgement(message, now_s) and self.worker is not None:
             if self._same_id.stance is Stance.STAND_BY:
                 self.worker.follow(message)
@@ -288,8 +285,7 @@ class SceneMember:
             reason = f"{STANDING_BY} for {self.ownership.owner}" if self.ownership.owner else STANDING_BY
         if reason != self._reason:
             first, self._reason = self._reason is None, reason
-            state: ProcessState = "starting" if reason == ASKING else "running"
-            state = "degraded" if OVERLOADED in reason else state
+            state: ProcessState = "degraded" if OVERLOADED in reason else "starting" if reason == ASKING else "running"
             self._status_publisher.set_state(state, reason)
             if reason or not first:
                 level = logging.WARNING if state == "degraded" else logging.INFO

@@ -39,7 +39,7 @@ BEGIN_S, GONE_S = 0.3, 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Sighting:
+class SeenTrack:
     """Where an observer saw the person of one of its tracks, at a time of the fusion machine's clock."""
 
     observer: str
@@ -66,7 +66,7 @@ class _Track:
     is_new: whether its newest sighting has not been compared. fits: whether it may be of somebody who is known.
     """
 
-    seen: Sighting
+    seen: SeenTrack
     since_ns: int
     person: str | None = None
     costs: dict[str, float] = field(default_factory=dict)
@@ -113,7 +113,7 @@ class Motion:
         return step @ self._mean, step @ self._covariance @ step.T + noise
 
 
-class People:
+class ScenePeople:
     """The people of a scene. ids: of at most so many people, in the order in which they are given."""
 
     def __init__(self, ids: Sequence[str]) -> None:
@@ -139,7 +139,7 @@ class People:
         known = self._tracks.get((observer, track))
         return None if known is None else known.person
 
-    def update(self, sightings: Sequence[Sighting], now_ns: int) -> None:
+    def update(self, sightings: Sequence[SeenTrack], now_ns: int) -> None:
         """Take in what observers saw since the last update."""
         for sighting in sorted(sightings, key=lambda each: each.at_ns):
             key = sighting.observer, sighting.track

@@ -7,7 +7,7 @@ from common.inbox import Arrival
 from common.keys import observer_of
 from common.messages import PosteriorMessage
 from common.wire import BadMessage, decode_from
-from fusion.people import People, Sighting
+from fusion.people import ScenePeople, SeenTrack
 
 OLDEST_S = 2.0
 """A posterior that claims to be older was seen when it arrived, as far as places are concerned."""
@@ -18,7 +18,7 @@ TRACKS_LIMIT = 8
 class PeopleIngest:
     """Sorts the posteriors of one scene. skew_s: by which an observer's clock is ahead."""
 
-    def __init__(self, people: People, roster: Sequence[str], skew_s: Callable[[str], float | None]) -> None:
+    def __init__(self, people: ScenePeople, roster: Sequence[str], skew_s: Callable[[str], float | None]) -> None:
         self.people, self._roster, self._skew_s = people, frozenset(roster), skew_s
         self._first = people.ids[0]
 
@@ -29,7 +29,7 @@ class PeopleIngest:
         """
         result: dict[str, list[Arrival]] = {}
         tracks: list[tuple[Arrival, str, str]] = []
-        sightings: dict[str, list[Sighting]] = {}
+        sightings: dict[str, list[SeenTrack]] = {}
         for arrival in arrivals:
             observer, message = observer_of(arrival.key), None
             if observer in self._roster:
@@ -43,7 +43,7 @@ class PeopleIngest:
                 known = {each.track for each in of_observer}
                 if message.person in known or len(known) < TRACKS_LIMIT:
                     at_ns = self._seen_ns(observer, message.captured_ns, now_ns)
-                    of_observer.append(Sighting(observer, message.person, message.place, at_ns))
+                    of_observer.append(SeenTrack(observer, message.person, message.place, at_ns))
                     tracks.append((arrival, observer, message.person))
         self.people.update([each for own in sightings.values() for each in own], now_ns)
         present = self.people.present

@@ -21,12 +21,11 @@ from common.messages import JudgementMessage, VerdictMessage
 from common.status import ProcessStatus
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode_vocabulary
-from fusion.checkpoint import Checkpoint, CheckpointFile
+from fusion.checkpoint import Checkpoint, CheckpointFile, PeopleFiles
 from fusion.engine.engine import FusionEngine
 from fusion.engine.pooling import PooledPosterior, pool_steps
 from fusion.ingest import NEWEST, newest
-from fusion.people import People
-from fusion.people_checkpoint import PeopleFiles
+from fusion.people import ScenePeople
 from fusion.people_ingest import PeopleIngest
 from fusion.person_session import PersonSession
 from fusion.scene_worker import RECEPTION_TIMEOUT_S, WAY_OUT, SceneWorker, Service, StepInput, StepResult
@@ -74,7 +73,7 @@ class PeopleWorker:
         self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
         names = map(keys.posterior, scene.roster) if service.polled else ()
         self._posteriors = self._session.inbox(*names)
-        self.people = People(scene.people.ids)
+        self.people = ScenePeople(scene.people.ids)
         self._engines = {person: new_engine(vocabulary, person) for person in scene.people.ids}
         self._sessions = [PersonSession(self._session, self.present) for _ in self._engines]
         self._workers = {

@@ -92,8 +92,8 @@ class SceneWorker:
         hand_over: Callable[[str], bytes | None],
         session: SubSession | None = None,
     ) -> None:
-        """hand_over: called between two steps with the id of a service that asks for the scene. session: a part of one
-        that several workers of the scene share; None: it has sessions of its own."""
+        """hand_over: called between two steps with the id of a service that asks for the scene. session: shared by
+        several workers of the scene."""
         self._scene, self._clock, self._engine, self._status = scene, service.clock, engine, status
         self._session = session or service.link.sub_session(polled=service.polled)
         # Always polled: ownership changes between two steps only.
@@ -103,26 +103,23 @@ class SceneWorker:
         )
         # With many scenes by whole keys: Zenoh looks them up at once, but tries subscribers with wildcards one by one;
         # with 250 of them a message costs ten times as much. With few scenes the server has one inbox.
-        names = map(scene.keys.posterior, scene.roster) if service.polled else ()
-        self._posteriors = self._session.newest(*names)
-        alive_keys = map(scene.keys.observer_alive, scene.roster)
-        self.present = self._session.presence(scene.keys.observer_alive(), alive_keys)
+        self._posteriors = self._session.newest(*map(scene.keys.posterior, scene.roster if service.polled else ()))
+        self.present = self._session.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
         self._alive: frozenset[str] | None = None
         self._ingest = PosteriorIngest(engine, status, service.clock)
         self._clocks = ClockQuerier(
             self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
         )
-        full_votes = scene.fusion.votes == "full"
-        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full_votes, service.put)
-        self._own = service.own
-        self.checkpoint = self._publisher.checkpoint
+        full = scene.fusion.votes == "full"
+        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full, service.put)
+        self._own, self.checkpoint = service.own, self._publisher.checkpoint
         self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary, service.own)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
         self._unreconciled: UnreconciledMovement | None = None
         self._last_judgement_payload: bytes | None = None
-        self._received_s = service.ticks()
-        self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
+        self._received_s, self._reachable = service.ticks(), Reachability()
+        self._link, self._ticks = service.link, service.ticks
         self._waiting: bool | None = None
         self._load = LoadMeter("posteriors", WAY_OUT)
         self.fuses = self.owns = self.restored = False
@@ -260,13 +257,11 @@ class SceneWorker:
         self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
 
     def _log_waiting(self, judgement: JudgementMessage) -> None:
-        waiting = judgement.agreement.n == 0
-        if waiting != self._waiting:
+        if (waiting := judgement.agreement.n == 0) != self._waiting:
             self._waiting = waiting
             counted = [name for name, vote in judgement.votes.items() if vote.state in POOLED_STATES]
-            log.info(
-                "%s: %s", self._scene.scene, "waiting for observers" if waiting else f"fusing {', '.join(counted)}"
-            )
+            text = "waiting for observers" if waiting else f"fusing {', '.join(counted)}"
+            log.info("%s: %s", self._scene.scene, text)
 
     def follow(self, message: JudgementMessage) -> None:
         """Continue from the owner's message; this engine decides again what the owner has not published."""

@@ -55,7 +55,7 @@ def observe(
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
     model, inputs = _model_and_inputs(config, observer, health)
-    health.note = follows_one(config, inputs.view)
+    health.note = follows_one(config.people.most, len(config.roster), inputs.view)
     build = partial(pipeline_of, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
@@ -117,7 +117,7 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
         facets = _facet_reader(scene, observer, header, inputs)
         return Observer(tracker, model, onset, Resampler(header.rate_hz), facets, judged_s)
 
-    if people_followed(scene, inputs.view) == 1:
+    if people_followed(scene.people.most, len(scene.roster), inputs.view) == 1:
         return of_person(inputs.tracker)
     placer = FloorPlacer(inputs.view, person, alone=len(scene.roster) == 1)
     return PeopleObserver(inputs.tracker, of_person, placer)

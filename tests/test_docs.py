@@ -20,6 +20,7 @@ from source_imports import ROOMS
 from common import messages
 from common.config import Scene
 from common.config_events import HistoryConfig, NotifyConfig
+from common.config_people import PeopleConfig
 from common.config_sections import (
     ClipsConfig,
     DashboardConfig,
@@ -283,6 +284,7 @@ def keys_of(model, prefix=""):
 SECTIONS = {
     "mesh": MeshConfig,
     "person": PersonConfig,
+    "people": PeopleConfig,
     "fusion": FusionConfig,
     "observers": None,
     "observers.ID": ObserverConfig,

@@ -54,8 +54,7 @@ class EngineOutput:
 class FusionEngine:
     """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule.
 
-    epoch: of the owner, session, random per process, person, who is judged, and place, of that person, are written into
-    each message. reject, set_present and observed_vocabulary are those of the roster.
+    Into each message go epoch, of the owner, session, random per process, person, who is judged, and their place.
     """
 
     def __init__(
@@ -75,8 +74,7 @@ class FusionEngine:
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: LastObserved | None = None
-        self._nearest, self._withheld = NearestMiss(), list[VerdictMessage]()
-        self._seq = self._facets_ns = 0
+        self._nearest, self._withheld, self._seq, self._facets_ns = NearestMiss(), list[VerdictMessage](), 0, 0
         self._facets: PublishedFacets = {}
         self.reliability = Reliability()
 
@@ -162,10 +160,9 @@ class FusionEngine:
         rest = self._rest.pool(posteriors, now_ns)
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
-        p = ballot.p * (1.0 - unlearned)
         missing = missing_of(posteriors) if self._segmenter.waits else []
         state = PooledState(
-            now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed,
+            now_ns, ballot.label, ballot.p * (1.0 - unlearned), ballot.agreement.k, rest, unlearned, observed,
             newest_capture_ns(posteriors, now_ns), not missing,
             repetitions_of(ballot.label, posteriors, ballot.votes) if self._segmenter.counts(ballot.label) else None,
         )  # fmt: skip

@@ -35,7 +35,7 @@ COUNT_PARTS: Mapping[str, str] = {"sensor": "COUNT", "number": "TARGET", "button
 """The entities that count a movement, and what each is in their ids."""
 SceneTopic = Literal[
     "availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target", "fallen", "fall",
-    "last_event",
+    "last_event", "person",
 ]  # fmt: skip
 FACET_ICONS: Mapping[str, str] = {
     "effort_time": "mdi:timer-outline",
@@ -78,17 +78,13 @@ class Topics:
         """The topic below which everything of the scene lies."""
         return f"{self.topics}/{self.scene}"
 
-    def of(self, name: SceneTopic) -> str:
-        """One of the scene's topics."""
-        return f"{self.root}/{name}"
+    def of(self, name: SceneTopic, person: str = "") -> str:
+        """One of the scene's topics; person: as `state`, of one of several people."""
+        return f"{self.root}/{name}/{person}" if person else f"{self.root}/{name}"
 
     def movement(self, label: str) -> str:
         """`ON` from the decision to the end of this movement."""
         return f"{self.root}/movement/{label}"
-
-    def person(self, person: str) -> str:
-        """What one of several people does now, as `state` says it of the first."""
-        return f"{self.root}/person/{person}"
 
     def trigger(self, label: str) -> str:
         """The discovery message of the device trigger of this movement."""
@@ -187,9 +183,8 @@ def discovery(
     movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
     falls: whether the scene watches for falls. people: the names of several.
     """
-    entities = [*_scene(topics, movements, facets), *_events(topics, labels, early)]
+    entities = [*_scene(topics, movements, facets, people), *_events(topics, labels, early)]
     entities += _falls(topics) if falls else []
-    entities += [_person(topics, person) for person in people]
     entities += [entity for observer in observers for entity in _observer(topics, observer)]
     return dict([*(entity.discovery(topics, area) for entity in entities), *_triggers(topics, labels, area)])
 
@@ -221,7 +216,7 @@ def _events(topics: Topics, labels: Sequence[str], early: bool) -> Iterator[Enti
         yield Entity("event", what, name, settings, (topics.bridge, topics.of("availability")))
 
 
-def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> Iterator[Entity]:
+def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str], people: Sequence[str]) -> Iterator[Entity]:
     def sensor(what: str, name: str, settings: dict[str, Any]) -> Entity:
         return Entity("sensor", what, name, settings, available)
 
@@ -239,16 +234,12 @@ def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> 
     if FACING in facets:
         compass = {"unit_of_measurement": "°", "icon": "mdi:compass"}
         yield sensor(FACING.upper(), "Facing", _value(topics.of("facets"), FACING) | compass)
+    for person in people:
+        settings = _word(topics.of("person", person), "movement") | {"icon": "mdi:account"}
+        yield Entity("sensor", "PERSON", f"Movement of {person}", settings, available, label=person)
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
         yield Entity("binary_sensor", DOES, _title(label), settings, available, label=label)
-
-
-def _person(topics: Topics, person: str) -> Entity:
-    topic = topics.person(person)
-    settings = _word(topic, "movement") | {"json_attributes_topic": topic, "icon": "mdi:account"}
-    name = f"Movement of {person}"
-    return Entity("sensor", "PERSON", name, settings, (topics.bridge, topics.of("availability")), label=person)
 
 
 def _falls(topics: Topics) -> list[Entity]:

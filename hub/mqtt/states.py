@@ -81,7 +81,7 @@ def retained_states(
             states |= dict(_observer(topics, snapshot, observer))
     judgement = snapshot.state.judgement
     states |= {
-        topics.person(each.person): RetainedState(_json(_now(each) | _word(each)), _now(each)["movement"], FAST_S)
+        topics.of("person", each.person): RetainedState(_json(_now(each) | _word(each)), _now(each)["movement"], FAST_S)
         for each in snapshot.state.people
         if each.person is not None
     }

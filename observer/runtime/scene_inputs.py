@@ -114,7 +114,7 @@ def open_inputs(
         source = _played(scene, observer, view, pictures, report, _start(environment, observer))
     if section.mirrored and not pictures:
         raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
-    most = people_followed(scene, view)
+    most = people_followed(scene.people.most, len(scene.roster), view)
     settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth, most)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:

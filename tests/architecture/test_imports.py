@@ -22,7 +22,7 @@ MAY_ENTER = {
 ONLY_IN = {
     "zenoh": "common/link.py common/subsession.py",
     "msgpack": "common/wire.py",
-    "msgspec": "common/posterior.py common/wire.py common/message_fields.py",
+    "msgspec": "common/posterior.py common/floor_place.py common/wire.py common/message_fields.py",
     "mcap": "common/capture_file.py",
     "starlette": "hub/dashboard/*",
     "sse_starlette": "hub/dashboard/*",
@@ -43,7 +43,8 @@ OUTSIDE_WORLD = {
 IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
-        "fusion.fall_watch fusion.ingest fusion.membership fusion.publisher fusion.same_id fusion.scene_worker "
+        "fusion.fall_watch fusion.ingest fusion.membership fusion.people_ingest fusion.people_worker "
+        "fusion.person_session fusion.publisher fusion.same_id fusion.scene_worker "
         "fusion.server fusion.standby hub.dashboard.pictures hub.session "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
         "hub.phone.running labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
@@ -88,7 +89,14 @@ IMPURE = {
     ),
 }
 """What modules use that are not pure, and the patterns of their names. All other modules are pure."""
-PURE_ALL_THE_SAME = ("observer.camera.base", "observer.preview.sight", "observer.preview.track_doubts")
+PURE_ALL_THE_SAME = (
+    "observer.camera.base",
+    "observer.tracking.person_keeper",
+    "observer.tracking.company",
+    "observer.tracking.people",
+    "observer.preview.sight",
+    "observer.preview.track_doubts",
+)
 ALLOWED = {
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("deploy.security.router_config", "common.tracker_choice"): "the names of sources, constants",

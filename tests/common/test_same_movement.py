@@ -21,6 +21,7 @@ class Word:
     at_ns: int = 2
     revises: str | None = None
     session: str = "a"
+    person: str | None = None
 
     @property
     def fusion(self):

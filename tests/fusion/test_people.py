@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from common import SECOND_NS
 from common.floor_place import FloorPlace
 from common.matching import best_matching
-from fusion.people import BEGIN_S, GONE_S, People, Sighting
+from fusion.people import BEGIN_S, GONE_S, ScenePeople, SeenTrack
 
 HZ = 15
 ROUND = (0.04, 0.0, 0.04)
@@ -48,7 +48,7 @@ class Room:
     """Cameras that see people at given places; a track's id is the camera's own."""
 
     def __init__(self, ids=("1", "2"), cameras=("a", "b"), spread=ROUND, noise=0.0, seed=0):
-        self.people, self.cameras, self.spread = People(ids), cameras, spread
+        self.people, self.cameras, self.spread = ScenePeople(ids), cameras, spread
         self.n, self.noise, self.rng = 1000 * HZ, noise, np.random.default_rng(seed)
         self.tracks = {}
 
@@ -63,7 +63,7 @@ class Room:
             if (camera, name) not in but:
                 track = self.tracks.setdefault((camera, name), f"{len(self.tracks)}")
                 at = tuple(float(x) for x in self.rng.normal(at, self.noise))
-                seen.append(Sighting(camera, track, FloorPlace(at=at, covariance=self.spread), self.now_ns))
+                seen.append(SeenTrack(camera, track, FloorPlace(at=at, covariance=self.spread), self.now_ns))
         self.people.update(seen, self.now_ns)
         self.n += 1
 
@@ -187,11 +187,11 @@ def test_a_service_that_begins_expects_people_where_the_last_one_had_them():
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.integers(0, 5), st.floats(-3, 3), st.floats(-3, 3),
                           st.integers(-3000, 3000)), max_size=60))  # fmt: skip
 def test_whatever_cameras_say_tracks_of_one_are_of_different_people(sightings):
-    people, now_ns = People(("1", "2")), 10**6 * SECOND_NS
+    people, now_ns = ScenePeople(("1", "2")), 10**6 * SECOND_NS
     for n, (camera, track, x, z, late_ms) in enumerate(sightings):
         at_ns = now_ns + n * SECOND_NS // 10 + late_ms * 10**6
         place = FloorPlace(at=(x, z), covariance=ROUND)
-        people.update([Sighting(camera, str(track), place, at_ns)], now_ns + n * SECOND_NS // 10)
+        people.update([SeenTrack(camera, str(track), place, at_ns)], now_ns + n * SECOND_NS // 10)
         assert set(people.present) <= {"1", "2"}
         for each in people.present:
             assert all(map(math.isfinite, people.place(each, now_ns + n * SECOND_NS // 10)))
