@@ -223,10 +223,19 @@ def crossed(people: tuple[RoomPart, RoomPart], rate_hz: float, cameras: int) -> 
         room.update(sightings, at_ns)
         for person in room.present:
             run.places.setdefault(person, []).append((n, *(room.place(person, at_ns) or (0.0, 0.0))))
-    pelvis = WHOLE_BODY.index("pelvis")
-    ids = [[run.id_at(n, person.positions[n, pelvis]) for n in (begin - 1, last)] for person in people]
+    ids = [[run.id_at(n, _middle(person, n)) for n in (begin - 1, last)] for person in people]
     lost = any(None in pair for pair in ids) or ids[0][0] == ids[1][0]
     return any(early != late for early, late in ids) and not lost, lost
+
+
+def _middle(person: RoomPart, frame: int) -> Floats:
+    """(3,) the mean of the body, where it was recorded last up to that frame: recordings have gaps."""
+    for body in person.positions[frame::-1]:
+        seen = body[np.isfinite(body).all(axis=1)]
+        if len(seen):
+            middle: Floats = seen.mean(axis=0)
+            return middle
+    return np.full(3, np.nan)
 
 
 def _maker(model: MovementModel) -> Callable[[Tracker], Observer]:
@@ -243,13 +252,12 @@ def judged(trial: Trial) -> Result:
     both = Stage(trial.models, trial.rate_hz).run(np.concatenate([one, other], axis=1))
     alone = kept = wrong = total = 0
     exchanged = lost = False
-    pelvis = WHOLE_BODY.index("pelvis")
     for number, person in enumerate(trial.people):
         content = [one, nobody] if number == 0 else [nobody, other]
         own = Stage(trial.models, trial.rate_hz).run(np.concatenate(content, axis=1))
         begin, _ = person.crossing
-        early = both.id_at(begin - 1, person.positions[begin - 1, pelvis])
-        late = both.id_at(len(person.positions) - 1, person.positions[-1, pelvis])
+        early = both.id_at(begin - 1, _middle(person, begin - 1))
+        late = both.id_at(len(person.positions) - 1, _middle(person, len(person.positions) - 1))
         exchanged |= early != late and None not in (early, late)
         lost |= early is None or late is None
         theirs = [verdict for verdict in both.verdicts if verdict.person == early]
