@@ -88,7 +88,8 @@ class Video:
         with _capture(self.path) as capture:
             more = _grab(capture)
             while more:
-                picture = None if skips(read) else _retrieve(capture)
+                # To find the last picture again takes as long as all since the key picture before it.
+                picture = None if skips(read) and read + 1 != self.count else _retrieve(capture)
                 more = _grab(capture)
                 if picture is None and not more:
                     picture = _again(capture, read)
