@@ -42,6 +42,8 @@ SHAPE_HZ = 10.0
 """Rate at which Shape is updated."""
 FEWEST_INSTANTS = 4
 """Instants that a rate needs."""
+UPWARDS, NOT_SEEN = np.array([1.0, -1.0]), np.full((1, 2), np.nan)
+"""Factors on picture coordinates, of which the second points down; and a part that is not seen."""
 LEAST_DEPTH = 0.5
 """A view shows advancing if at least half of a step forward appears as one aside: from 30° of yaw on."""
 
@@ -89,6 +91,7 @@ class ShapeReader:
     def __init__(self, body_parts: Sequence[str], rate_hz: float, depth: float = 0.0) -> None:
         names = list(body_parts)
         self._rows = [names.index(part) if part in names else None for part in BODY_PARTS]
+        self._places = [len(names) if row is None else row for row in self._rows]
         self._names, self._rate_hz, self._depth = tuple(names), rate_hz, depth
         self._size = BodySize()
         self._window: deque[Floats] = deque(maxlen=max(round(SHAPE_WINDOW_S * rate_hz), FEWEST_INSTANTS))
@@ -101,8 +104,9 @@ class ShapeReader:
         read: whether anybody reads them; else they stay as they were. Missing: spreading while a hand or the head is
         not seen, the others without any hand or the head, and advancing if the view does not show depth.
         """
-        points = np.array([centres[row] if row is not None else (np.nan, np.nan) for row in self._rows])
-        self._window.append(points * (1.0, -1.0))
+        # One row more, which is never seen, stands for a part that the model does not read.
+        points = (np.concatenate([centres, NOT_SEEN]) if None in self._rows else centres)[self._places]
+        self._window.append(points * UPWARDS)
         self._count += 1
         if not read or None in self._rows:
             return self._facets
