@@ -62,25 +62,21 @@ def listen(
     newest = link.inbox(keys.judgement, limit=1) if newest_only else None
     services, late = link.presence(keys.fusion_alive(), map(keys.fusion_alive, scene.services)), Inbox()
     answers = link.ask_each(f"{keys.root}/**", QUERY_S)
-    appearances = services.appearances
-    waiting = inbox.take(0.0)
+    appearances, waiting = services.appearances, inbox.take(0.0)
     # A verdict that was published between the opening of the inbox and the query is new.
     new = {(arrival.key, arrival.payload) for arrival in waiting}
-    for key, payload in answers:
-        if (key, payload) not in new:
-            update = _ingest(state, keys, filters, key, payload, clock(), answered=True)
-            state = update.state
-            yield update
+    for key, payload in (answer for answer in answers if answer not in new):
+        update = _ingest(state, keys, filters, key, payload, clock(), answered=True)
+        state = update.state
+        yield update
     queried_ns = clock()
     while waiting or go_on():
         arrivals, waiting = waiting or inbox.take(TAKE_S), []
         # A verdict precedes the judgement that shows it.
-        for arrival in (*arrivals, *(newest.take(0.0) if newest else ())):
-            update = _ingest(state, keys, filters, arrival.key, arrival.payload, arrival.arrived_ns)
-            state = update.state
-            yield update
-        for arrival in late.take(0.0):
-            update = _ingest(state, keys, filters, arrival.key, arrival.payload, arrival.arrived_ns, answered=True)
+        published = [*arrivals, *(newest.take(0.0) if newest else ())]
+        for n, arrival in enumerate((*published, *late.take(0.0))):
+            is_answer = n >= len(published)
+            update = _ingest(state, keys, filters, arrival.key, arrival.payload, arrival.arrived_ns, is_answer)
             state = update.state
             yield update
         state = replace(state, now_ns=clock(), dropped=inbox.dropped, skipped=newest.dropped if newest else 0)

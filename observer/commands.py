@@ -72,8 +72,7 @@ def observe(
             inputs.source.listen(link)
         answer_teachers(link, config, observer, taught)
         shown = stack.enter_context(_with_pictures(config, observer, shown, inputs, link))
-        # A collection that looked through all loaded modules takes 25 ms, of a starved observer half a second.
-        gc.freeze()
+        gc.freeze()  # a collection that looks through all loaded modules takes 25 ms
         serve(config, observer, shown, inputs.source, link, stop, health=health)
 
 

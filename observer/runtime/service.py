@@ -191,17 +191,15 @@ def serve(
         health.report_to(_state_report(status_publisher, health, observer_id))
         captured_ns = 0
         for frame in source.frames(stop):
-            captured_ns = frame.captured_ns
-            begun_s = time.monotonic()
+            captured_ns, begun_s = frame.captured_ns, time.monotonic()
             posterior = observer.step(frame)
             publisher.follow(observer.vocabulary)
             status.leans_on = observer.leans_on
             now_ns = clock()
             news = posterior if posterior is not None and posterior.judged else None
-            sent = news is not None and publisher.publish(news, frame.captured_ns, now_ns)
-            age_s = (now_ns - frame.captured_ns) / SECOND_NS
-            record_frame(age_s, time.monotonic() - begun_s, sent, frame.skipped)
-            status.record_frame(frame.captured_ns, now_ns)
+            sent = news is not None and publisher.publish(news, captured_ns, now_ns)
+            record_frame((now_ns - captured_ns) / SECOND_NS, time.monotonic() - begun_s, sent, frame.skipped)
+            status.record_frame(captured_ns, now_ns)
             health.record_frame(observer.complaint)
             status_publisher.alive()
             status.clock_skew_s = fusion_clock.skew_s()
