@@ -165,6 +165,7 @@ class FusionEngine:
             now_ns, ballot.label, ballot.p * (1.0 - unlearned), ballot.agreement.k, rest, unlearned, observed,
             newest_capture_ns(posteriors, now_ns), not missing,
             repetitions_of(ballot.label, posteriors, ballot.votes) if self._segmenter.counts(ballot.label) else None,
+            ballot.contested,
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)

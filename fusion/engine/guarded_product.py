@@ -9,10 +9,11 @@ nothing to do with the movement, and is left out. The result is the average over
     P(m) = sum_h P(h) P(m | h),    P(m | h) proportional to prior(m) L_h(m)^(W_h^(gamma-1)),
     L_h(m) = prod_{i not h} (p~_i(m)/prior(m))^w_ih,    p~_i = (1 - eps) p_i + eps prior.
 
-1. P(h) is proportional to odds_h Z_h^BETA with Z_h = sum_m prior(m) L_h(m), so that doubt follows evidence: Z_0/Z_i is
-   the Bayes factor of observer i's posterior against a random one, given all others. Observers that agree raise Z_0 by
-   far more than the odds, and the result is their product. One that contradicts the others is left out, the more
-   surely the surer it and they are. Two that differ can only doubt each other, so doubt needs three that participate.
+1. P(h) is proportional to odds_h Z_h^BETA with Z_h = sum_m prior(m) L_h(m), so that doubt follows evidence; odds_i rise
+   as observer i loses trust (trust.py). Z_0/Z_i is the Bayes factor of observer i's posterior against a random one,
+   given all others. Observers that agree raise Z_0 by far more than the odds, and the result is their product. One that
+   contradicts the others is left out, the more surely the surer it and they are. Two that differ can only doubt each
+   other, so doubt needs three that participate.
 2. w_ih = t_i / (1 + sum_j rho_ji) over the others j that h believes. t is the trust (trust.py). rho
    is the correlation: near 1 for posteriors that are the same, unless both are certain, or learned from verdicts
    (trust.py), the latter in proportion to the participation of j.
@@ -44,6 +45,7 @@ from functools import cache, lru_cache
 import numpy as np
 
 from common.probability import SMALLEST, Floats
+from fusion.engine.trust import odds_of_fault
 from fusion.engine.weighing import (
     LEAST_LOG_SIZE,
     LOG_FLOOR,
@@ -138,7 +140,7 @@ def _weigh(
     x = products.matrices(w, logs[1])
     z = products.matrices(np.exp(x if p.shape[-2] <= MOST_PAIRED else x - x.max()), prior)
     effective_number = (products.of_each(w, bits) ** 2 + D0_SQUARED) / (products.of_each(w, bits * bits) + D0_SQUARED)
-    return w, x, _hypotheses(bits, z), np.power(np.maximum(effective_number, ONE), EXPONENT), bits
+    return w, x, _hypotheses(bits, z, observers.trust), np.power(np.maximum(effective_number, ONE), EXPONENT), bits
 
 
 def _shares(mean_exponents: Floats, bits: Floats) -> Floats:
@@ -207,23 +209,25 @@ def _discount_certainty(p: Floats, rho: Floats, fixed: "_Fixed") -> None:
                 rho[fixed.place[n, other]] *= min((2.0 - top - other_top) / (2.0 * UNCERTAIN_MASS), 1.0)
 
 
-def _hypotheses(bits: Floats, z: Floats) -> Floats:
-    """P(h), (..., H). bits (..., N): divergence of each observer; z (..., H): Z_h."""
+def _hypotheses(bits: Floats, z: Floats, trust: Floats) -> Floats:
+    """P(h), (..., H). bits (..., N): divergence of each observer; z (..., H): Z_h; trust (..., N)."""
     if bits.ndim == 1:
-        return np.array(_posterior_odds(bits.tolist(), z.tolist()))
-    return np.array([_posterior_odds(*scene) for scene in zip(bits.tolist(), z.tolist(), strict=True)])
+        return np.array(_posterior_odds(bits.tolist(), z.tolist(), trust.tolist()))
+    scenes = zip(bits.tolist(), z.tolist(), np.broadcast_to(trust, bits.shape).tolist(), strict=True)
+    return np.array([_posterior_odds(*scene) for scene in scenes])
 
 
-def _posterior_odds(bits: list[float], z: list[float]) -> list[float]:
-    """P(h) of the H hypotheses (1), of one scene. bits (N,): divergence of each observer; z (H,): Z_h."""
+def _posterior_odds(bits: list[float], z: list[float], trust: list[float]) -> list[float]:
+    """P(h) of the H hypotheses (1), of one scene. bits (N,): divergence of each observer; z (H,): Z_h; trust (N,)."""
     if len(z) == 1:
         return [1.0]
     z_none_wrong, participants, doubts = max(z[0], SMALLEST), 0.0, []
-    for divergence_bits, z_one_wrong in zip(bits, z[1:], strict=True):
+    for divergence_bits, z_one_wrong, trusted in zip(bits, z[1:], trust, strict=True):
         participation = 1.0 if divergence_bits >= PARTICIPATION_BITS else divergence_bits / PARTICIPATION_BITS
         participants += participation
         ratio = z_one_wrong / z_none_wrong
-        doubts.append(participation * (ratio if ratio < BAYES_FACTOR_LIMIT else BAYES_FACTOR_LIMIT) ** BETA)
+        doubt = participation * (ratio if ratio < BAYES_FACTOR_LIMIT else BAYES_FACTOR_LIMIT) ** BETA
+        doubts.append(doubt if trusted == 1.0 else doubt * odds_of_fault(trusted))
     odds = ODDS_OF_FOUR
     if participants < 4.0:
         odds = ODDS_OF_THREE * min(max(participants - 2.0, 0.0), 1.0)

@@ -43,6 +43,7 @@ class Ballot:
     """The votes, the pooled posterior, and how many votes agree with its likeliest label.
 
     entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
+    contested: whether an observer votes for another label.
     """
 
     votes: dict[str, Vote]
@@ -51,6 +52,7 @@ class Ballot:
     label: str
     p: float
     agreement: Agreement
+    contested: bool = False
 
 
 @dataclass(slots=True)
@@ -109,8 +111,10 @@ class JudgementBuilder:
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
-        agreement = _agreement(labels.count(fused), len(labels))
-        return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement)
+        agreeing = labels.count(fused)
+        contested = agreeing + labels.count(None) < len(labels)
+        agreement = _agreement(agreeing, len(labels))
+        return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement, contested)
 
     def _entropies(self, rows: Floats) -> list[float]:
         """`entropy_bits` of each row, in half the time."""

@@ -99,7 +99,8 @@ class Conditions:
         self._hold(state, self.state in ENDING and state.rest >= 0.5)
         if self.state is not SegmentState.IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
-        return SegmentStep(state, self._held_for(state.at_ns), before, heard_ns, gap_ns)
+        named = self._held_for(state.at_ns - state.longer_s * SECOND_NS)
+        return SegmentStep(state, named, before, heard_ns, gap_ns)
 
     def _hear(self, state: PooledState) -> tuple[int, int]:
         """Take the newest capture of a step; returns the one before, and the time between both (rule 9)."""
@@ -143,7 +144,7 @@ class Conditions:
             quiet = Quiet(quiet.since_ns, at_ns if is_clear else None)
         self._quiet = quiet
 
-    def _held_for(self, at_ns: int) -> str | None:
+    def _held_for(self, at_ns: float) -> str | None:
         """The label that meets the demand, and does so for `hold_s` at `at_ns` (rule 2)."""
         held = self._held
         is_met = held is not None and held.agreed_ns is not None and at_ns - held.agreed_ns >= self._hold_ns

@@ -7,7 +7,8 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
    nor is it, with the label of the one before, if it lasts for less than half of that label's shortest take, less
    NOTICED_S at its begin: it is the end of that one, after a pause.
 2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
-   without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
+   without a break, for `hold_s`, or NOTICED_S longer where an observer votes for another one; or as soon as the person
+   comes to rest, because waiting would show nothing more.
 3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
    decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
 4. The movement ends when rest has been beyond doubt for `hold_s`, at the time when that rest began. Rest in which

@@ -41,7 +41,8 @@ class PooledState:
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
     agreeing: observers whose own label it is. observed: whether the posterior of any observer is pooled.
     newest_capture_ns: capture time of the newest of them; None: at_ns. complete: whether each observer of the roster
-    has begun. repetitions: of the label so far, as observers count them; None: nobody counts.
+    has begun. repetitions: of the label so far, as observers count them; None: nobody counts. contested: whether an
+    observer votes for another label.
     """
 
     at_ns: int
@@ -54,11 +55,18 @@ class PooledState:
     newest_capture_ns: int | None = None
     complete: bool = True
     repetitions: RepetitionCount | None = None
+    contested: bool = False
 
     @property
     def idle(self) -> bool:
         """Whether rest or "something else" is likelier than a movement of the vocabulary."""
         return self.rest >= 0.5 or self.unlearned > 0.5
+
+    @property
+    def longer_s(self) -> float:
+        """For how much longer than `hold_s` the label has to meet the demand: where it is contested, while more of the
+        movement will show who is right (rule 2)."""
+        return NOTICED_S if self.contested and self.rest < 0.5 else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -113,6 +113,11 @@ def honest_of(log_odds: float) -> float:
     return observed(HONEST, log_odds)
 
 
+def odds_of_fault(trust: float) -> float:
+    """Of an observer that is trusted so far (3), over those at the start, when trust is 1."""
+    return (1.0 / (HONEST * trust) - 1.0) * HONEST / FAULT
+
+
 def overlap_of(a: Floats, q: Floats) -> float:
     """R sum a q of two distributions (R,)."""
     return len(a) * float(a.dot(q))

@@ -164,7 +164,7 @@ def explain_undecided(
     if state.agreeing < config.quorum:
         lacks.append(_votes(state.label if is_likely else "it", state.agreeing, observers, config.quorum))
     if not lacks:
-        lacks.append(_duration(state.label, held_s or 0.0, moved_s, config.hold_s))
+        lacks.append(_duration(state.label, held_s or 0.0, moved_s, config.hold_s + state.longer_s))
     elif not is_likely and state.unlearned >= 0.01:
         lacks.insert(0 if state.unlearned > state.p else len(lacks), f"{_percent(state.unlearned)} something else")
     return "; ".join(lacks)[:WHY_LIMIT] or None

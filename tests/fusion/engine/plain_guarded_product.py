@@ -11,6 +11,7 @@ from fusion.engine.guarded_product import (
     ODDS_OF_THREE,
     believed_by,
 )
+from fusion.engine.trust import odds_of_fault
 from fusion.engine.weighing import (
     NATS_TO_BITS,
     PARTICIPATION_BITS,
@@ -33,7 +34,7 @@ def plain_weights(p, prior, observers):
     # Row j, column i: the correlation by which observer i loses weight to observer j.
     rho = np.maximum(similarity(ratio) * uncertainty(p), observers.correlations * participation[..., :, None])
     w = believed * observers.trust[..., None, :] / (1.0 + believed @ rho)
-    hypotheses = _hypotheses(w, ratio, prior, participation)
+    hypotheses = _hypotheses(w, ratio, prior, participation * odds_of_fault(observers.trust), sum_last(participation))
     exponents = w * np.maximum(_effective_number(w, divergence_bits), 1.0)[..., None] ** (GAMMA - 1.0)
     mean_exponents = (hypotheses[..., None, :] @ exponents)[..., 0, :]
     return PoolingWeights(
@@ -48,9 +49,8 @@ def _effective_number(w, divergence_bits):
     return (sum_last(information) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
 
 
-def _hypotheses(w, ratio, prior, participation):
-    """P(h) of each hypothesis (1), (..., H). ratio: p/prior."""
-    participants = sum_last(participation)
+def _hypotheses(w, ratio, prior, doubted, participants):
+    """P(h) of each hypothesis (1), (..., H). ratio: p/prior. doubted (..., N): participation, times odds of a fault."""
     if w.shape[-2] == 1:
         return np.ones((*participants.shape, 1))
     log_likelihood = w @ np.log((1.0 - EPSILON) * ratio + EPSILON)
@@ -59,7 +59,7 @@ def _hypotheses(w, ratio, prior, participation):
     odds = ODDS_OF_THREE * np.minimum(np.maximum(participants - 2.0, 0.0), 1.0)
     odds = odds + (ODDS_OF_FOUR - ODDS_OF_THREE) * np.minimum(np.maximum(participants - 3.0, 0.0), 1.0)
     mass = np.exp(np.minimum(BETA * (log_z - log_z[..., :1]), EXPONENT_LIMIT))
-    mass[..., 1:] *= odds[..., None] * participation
+    mass[..., 1:] *= odds[..., None] * doubted
     return mass / sum_last(mass)[..., None]
 
 

@@ -33,7 +33,11 @@ def test_the_story_of_one_bow():
     assert scene.verdicts == []
     began_ns = scene.now_ns - 2 * STEP_NS
 
-    judgement = scene.step({**all_views(sure("bow", 0.96)), "table": sure("punch", 0.5)}, MOVING, 4)
+    # One votes for another label: three steps more than without it.
+    views = {**all_views(sure("bow", 0.96)), "table": sure("punch", 0.5)}
+    judgement = scene.step(views, MOVING, 6)
+    assert scene.verdicts == [] and judgement.why == "bow for 0.5 of 0.6 s"
+    judgement = scene.step(views, MOVING)
     (verdict,) = scene.verdicts
     assert (verdict.label, verdict.began_ns, verdict.decided_ns) == ("bow", began_ns, scene.now_ns)
     assert verdict.ended_ns is None

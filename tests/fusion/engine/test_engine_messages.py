@@ -92,7 +92,7 @@ def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too()
     scene, standby = EngineDriver(quorum=2), EngineDriver(quorum=2)
     for label in ("bow", "punch") * 4:
         views = {**all_views(sure(label, 0.97)), "back": sure("lunge", 0.97), "wheel": sure(label)}
-        scene.step(views, MOVING, 6)
+        scene.step(views, MOVING, 9)
         judgement = scene.step(all_views(UNIFORM), REST, 6)
     assert judgement.votes["back"].reliability < 0.5 and judgement.votes["door"].reliability == 1.0
     for verdict in scene.verdicts:

@@ -57,7 +57,9 @@ def oracle(p, prior, trust, rho):
             np.prod([((1 - EPSILON) * p[i, m] / prior[m] + EPSILON) ** w[i] for i in believed]) for m in range(labels)
         ]
         z = sum(prior[m] * ratio[m] for m in range(labels))
-        mass.append((1.0 if wrong is None else fault / (1 - fault)) * z**BETA)
+        # Honest with .9 t: the odds of a fault, beside those of full trust.
+        doubted = 1.0 if wrong is None else fault / (1 - fault) * (1 / (0.9 * trust[wrong]) - 1) / (1 / 0.9 - 1)
+        mass.append(doubted * z**BETA)
         bits = np.array([w[i] * divergence[i] ** power for power in (1, 2) for i in believed]).reshape(2, -1).sum(1)
         number = (0.05**2 + bits[0] ** 2) / (0.05**2 + bits[1])
         tempered = np.array([prior[m] * ratio[m] ** (max(number, 1) ** (GAMMA - 1)) for m in range(labels)])

@@ -55,6 +55,27 @@ def decisions(*parts, config=CONFIG):
     return result
 
 
+@pytest.mark.parametrize(("contested", "decided"), [((0, 0), 3), ((0, 20), 9), ((0, 3), 3), ((3, 7), 7)])
+def test_2_where_an_observer_votes_for_another_label_it_is_held_for_longer(contested, decided):
+    """0.15 s are three steps, 0.3 s six more; what counts is whether it is contested when it would be decided."""
+    segmenter = Segmenter(CONFIG, NAMES)
+    steps = [
+        segmenter.update(PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1, contested=contested[0] <= n < contested[1]))
+        for n in range(20)
+    ]
+    assert [n for n, published in enumerate(steps) if published] == [decided]
+
+
+def test_2_but_not_beyond_the_movement():
+    segmenter = Segmenter(CONFIG, NAMES)
+    rests = [0.1] * 4 + [0.9] * 4
+    steps = [
+        segmenter.update(PooledState(n * STEP_NS, "bow", 0.9, 2, rest_p, contested=True))
+        for n, rest_p in enumerate(rests)
+    ]
+    assert [(n, each.label) for n, published in enumerate(steps) for each in published][:1] == [(4, "bow")]
+
+
 TWO_LABELS_IN_TURN = [*rest(1), *[*sure_at_rest(1), *sure_at_rest(1, "lunge")] * 9]
 CASES = {
     "published when decided and when ended": (
