@@ -6,9 +6,9 @@
    only keeps the last messages of the owner.
 3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
    scene. A query of a listener changes nothing.
-4. A scene that names no vocabulary asks its observers for theirs, again as soon as another appears, until one answers.
-   Later the owner changes to the vocabulary in which most observers publish (roster.py), and the
-   other services follow the owner. In every scene the durations of movements are those that the observers agree on.
+4. A scene that names no vocabulary asks its observers for theirs until one answers. Later the owner changes to the one
+   in which most observers publish (roster.py), and the other services follow it. In every scene the durations of
+   movements are those that the observers agree on.
 """
 
 import logging
@@ -54,7 +54,6 @@ class SceneMember:
         """Whether this service fuses also while it stands by."""
         self._file = checkpoint_file(scene, service.own)
         self.vocabulary = scene.named_vocabulary
-        self._is_named = self.vocabulary is not None
         if self.vocabulary is not None:
             # A bad rule is an error now, not when the scene is taken over.
             self._new_engine(self.vocabulary)
@@ -67,6 +66,7 @@ class SceneMember:
         detector = SameIdDetector(service.session, service.ticks(), takeover_s)
         self._same_id, self._id_is_shared = SameIdWatch(self._session, scene.keys, service.own, detector), False
         self._alive: frozenset[str] | None = None
+        self._updated_s = float("-inf")
         self._listener: StandbyListener | None = None
         self.worker: Worker | None = None
         self._request: HandoverRequest | None = None
@@ -88,9 +88,19 @@ class SceneMember:
         self.ownership.set_alive(map(service_of, self._alive), self._service.ticks())
         self._session.announce(self.scene.keys.fusion_alive(self._service.own))
 
-    def update(self) -> Worker | None:
-        """Take what other services have published, follow the role that results, and return the worker, if any."""
-        now_s = self._service.ticks()
+    def current(self, now_s: float) -> Worker | None:
+        """The worker of the next step, if any.
+
+        The role is followed after each step, so that no listener waits for it; but first where there is no worker, or
+        the last time is long ago: a service that was suspended must not publish before it has looked.
+        """
+        if self.worker is None or now_s - self._updated_s > STEPS_MISSED / self.scene.fusion.step_hz:
+            self.update()
+        return self.worker
+
+    def update(self) -> None:
+        """Take what other services have published, and follow the role that results."""
+        now_s = self._updated_s = self._service.ticks()
         self._take_from_services(now_s)
         if self.worker is not None:
             self.worker.poll_requests()
@@ -104,7 +114,6 @@ class SceneMember:
         self._follow_role()
         if self._falls is not None:
             self._falls.step(self.role is Role.OWNER and self._same_id.stance is Stance.GO_ON)
-        return self.worker
 
     @property
     def at_rest(self) -> bool:
@@ -168,13 +177,11 @@ class SceneMember:
             self.worker.stand_down()
 
     def _follow_vocabulary(self) -> None:
-        """Change the vocabulary when the observers, or the owner that this service follows, have changed it; and at
-        rest the durations of its movements, when observers know others."""
+        """Follow the observers, or the owner, to another vocabulary; at rest take other durations of its movements."""
         if self.worker is None or self.vocabulary is None:
             return
-        if self._lookup is None:
-            self._lookup = VocabularyLookup(self.scene, self._service, self.worker.present)
-        wanted = None if self._is_named else self._wanted_vocabulary(self.worker)
+        self._lookup = self._lookup or VocabularyLookup(self.scene, self._service, self.worker.present)
+        wanted = None if self.scene.vocabulary is not None else self._wanted_vocabulary(self.worker)
         if wanted in (None, self.vocabulary.digest):
             times = self._lookup.times(self.vocabulary.digest)
             if times is not None and times != self.vocabulary.movements and self.worker.at_rest:
@@ -206,8 +213,11 @@ class SceneMember:
 
     def _follow_role(self) -> None:
         role, owner = self.role, self.ownership.owner
-        if (role is Role.IDLE) != (self._listener is None):
-            self._set_listening(role is not Role.IDLE)
+        if role is not Role.IDLE and self._listener is None:
+            self._listener = StandbyListener(self.scene, self._service.link)
+        elif role is Role.IDLE and self._listener is not None:
+            self._listener.close()
+            self._listener = None
         if role is Role.REQUESTING and self._request is None and owner is not None:
             self._request = HandoverRequest(self.scene, self._service.link, self._service.own, owner)
         fuses = role in (Role.OWNER, Role.REQUESTING) or (role is Role.STANDBY and self._is_warm)
@@ -229,17 +239,9 @@ class SceneMember:
             self._request = None
         self._report()
 
-    def _set_listening(self, listening: bool) -> None:
-        if listening:
-            self._listener = StandbyListener(self.scene, self._service.link)
-        elif self._listener is not None:
-            self._listener.close()
-            self._listener = None
-
     def _activate(self) -> None:
         if self.vocabulary is None:
-            if self._lookup is None:
-                self._lookup = VocabularyLookup(self.scene, self._service)
+            self._lookup = self._lookup or VocabularyLookup(self.scene, self._service)
             self.vocabulary = self._lookup.poll()
             if self.vocabulary is None:
                 return
@@ -252,17 +254,15 @@ class SceneMember:
             self.worker.restore(checkpoint)
 
     def _restore(self, worker: Worker) -> None:
-        """Continue from the newest checkpoint: of the answer to the request, the last owner's messages, the last
-        handover, or the file."""
+        """Continue from the newest checkpoint: an answer, the owner's last messages, the last handover, or the file."""
         checkpoints = [
             self._request.checkpoint() if self._request is not None else None,
             self._listener.checkpoint() if self._listener is not None else None,
             self._handover_checkpoint,
             self._file.read(self.scene.scene) if self._file is not None else None,
         ]
-        available = [checkpoint for checkpoint in checkpoints if checkpoint is not None]
         worker.restored = True
-        if available:
+        if available := [checkpoint for checkpoint in checkpoints if checkpoint is not None]:
             # Of equally new ones the first: a handover has more than a judgement.
             worker.restore(max(available, key=lambda checkpoint: checkpoint.judgement.at_ns))
 

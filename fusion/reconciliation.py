@@ -25,10 +25,14 @@ REPEAT_S = 0.15
 
 
 class UnreconciledMovement:
-    """The decided movement of a service that stood down at `since_ns`, until the owner continues it or it is ended."""
+    """The decided movement of a service that stood down at `since_ns`, until the owner continues it or it is ended.
 
-    def __init__(self, verdict: VerdictMessage, since_ns: int) -> None:
-        self.verdict, self._since_ns, self._repeated_ns = verdict, since_ns, 0
+    judgement: the last one, as it was published.
+    """
+
+    def __init__(self, verdict: VerdictMessage, since_ns: int, judgement: bytes | None = None) -> None:
+        self.verdict, self.judgement = verdict, judgement
+        self._since_ns, self._repeated_ns = since_ns, 0
         self._owners_movement = ""
         self.is_reconciled = False
         """Whether the owner continues the movement, or its end is published."""

@@ -94,32 +94,32 @@ class SceneWorker:
     ) -> None:
         """hand_over: called between two steps with the id of a service that asks for the scene. session: shared by
         several workers of the scene."""
-        self._scene, self._clock, self._engine, self._status = scene, service.clock, engine, status
+        self._scene, self._own, self._clock = scene, service.own, service.clock
+        self._engine, self._status = engine, status
         self._session = session or service.link.sub_session(polled=service.polled)
         # Always polled: ownership changes between two steps only.
         self._requests = session or service.link.sub_session(polled=True)
         self._requests.answer_requests(
             scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
         )
-        # With many scenes by whole keys: Zenoh looks them up at once, but tries subscribers with wildcards one by one;
-        # with 250 of them a message costs ten times as much. With few scenes the server has one inbox.
-        self._posteriors = self._session.newest(*map(scene.keys.posterior, scene.roster if service.polled else ()))
-        self.present = self._session.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
+        # With many scenes by whole keys: with 250 wildcards, which Zenoh tries one by one, a message costs ten times as
+        # much. With few scenes the server has one inbox.
+        names = map(scene.keys.posterior, scene.roster) if service.polled else ()
+        self._posteriors, alive = self._session.newest(*names), scene.keys.observer_alive
+        self.present = self._session.presence(alive(), map(alive, scene.roster))
         self._alive: frozenset[str] | None = None
         self._ingest = PosteriorIngest(engine, status, service.clock)
-        self._clocks = ClockQuerier(
-            self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
-        )
-        full = scene.fusion.votes == "full"
-        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full, service.put)
-        self._own, self.checkpoint = service.own, self._publisher.checkpoint
+        status_keys = scene.keys.observer_status()
+        self._clocks = ClockQuerier(self._session, status_keys, self._clock, service.wake, service.ask_clocks_s)
+        is_full = scene.fusion.votes == "full"
+        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, is_full, service.put)
+        self.checkpoint = self._publisher.checkpoint
         self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary, service.own)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
         self._unreconciled: UnreconciledMovement | None = None
-        self._last_judgement_payload: bytes | None = None
-        self._received_s, self._reachable = service.ticks(), Reachability()
-        self._link, self._ticks = service.link, service.ticks
+        self._received_s = service.ticks()
+        self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
         self._load = LoadMeter("posteriors", WAY_OUT)
         self.fuses = self.owns = self.restored = False
@@ -203,8 +203,7 @@ class SceneWorker:
         """Stop publishing, because another service is the owner: see reconciliation.py."""
         verdict = self._publisher.unfinished
         if verdict is not None:
-            self._unreconciled = UnreconciledMovement(verdict, self._clock())
-            self._last_judgement_payload = self._publisher.judgement_payload
+            self._unreconciled = UnreconciledMovement(verdict, self._clock(), self._publisher.judgement_payload)
 
     def reconcile(self) -> bool:
         """Publish the end of the movement in which this service stood down, once it is due, and verdicts that may be
@@ -222,7 +221,7 @@ class SceneWorker:
             self._engine.epoch = None
             self._publisher.close(self._engine.close(self._unreconciled.verdict, now_ns, now_ns, same_as))
         if self._unreconciled.should_repeat(now_ns):
-            self._publisher.repeat(self._last_judgement_payload)
+            self._publisher.repeat(self._unreconciled.judgement)
         if self._unreconciled.is_reconciled:
             self._unreconciled = None
         return self._unreconciled is None

@@ -152,13 +152,17 @@ class FusionServer:
         results: list[StepResult] = []
         # In batches, so that the posteriors of the first scenes do not grow old when many are due.
         for batch in _batched(self._due(_by_scene(arrivals)), BATCH):
-            steps = [(worker, worker.collect(own)) for member, own in batch if (worker := member.update()) is not None]
+            workers = [(member.current(self._ticks()), own) for member, own in batch]
+            steps = [(worker, worker.collect(own)) for worker, own in workers if worker is not None]
             received += sum(step.received for _, step in steps)
             read += sum(step.read for _, step in steps)
             results += _finished(steps)
             self._judgements_out.flush()
+            # No listener waits for the rest.
             for worker, _ in steps:
                 worker.read_clocks()
+            for member, _ in batch:
+                member.update()
         if begun_s - self._status_s >= STATUS_EVERY_S:
             self._status_s = begun_s
             for member in self.members:

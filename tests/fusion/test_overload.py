@@ -31,7 +31,8 @@ def test_it_is_degraded_while_most_posteriors_are_left_out():
         states = []
         for arrivals in [200] * 6 * STEPS_HZ + [1] * 6 * STEPS_HZ:
             now_s += 1 / STEPS_HZ
-            worker = member.update()
+            member.update()
+            worker = member.worker
             if worker is not None:
                 worker.collect([Arrival(key, b"", n) for n in range(arrivals)])
             status = member.status.status(round(now_s * SECOND_NS))
