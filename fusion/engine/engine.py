@@ -64,8 +64,7 @@ class FusionEngine:
         self.epoch: int | None = None
         self.session: str | None = None
         self.place: Sequence[float] | None = None
-        self._scene, self._config = scene, config
-        self._rule = get_rule(config.rule)
+        self._scene, self._config, self._rule = scene, config, get_rule(config.rule)
         self._roster = Roster(observers, vocabulary, config)
         self.reject, self.set_present = self._roster.reject, self._roster.set_present
         self.observed_vocabulary = self._roster.majority
