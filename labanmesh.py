@@ -91,7 +91,7 @@ RENAMED = {
 }
 """Verbs that have moved. Their old names answer for one release."""
 
-LINE_LIMIT = 2000
+ERROR_LINE_LIMIT = 2000
 INTERRUPTED = 130
 
 
@@ -139,7 +139,7 @@ def _status_of(words: Sequence[str]) -> int:
         return status
     except LabanmeshError as error:
         # A value that is quoted may be of any length.
-        print(f"labanmesh: {with_scene_file(str(error), words)}"[:LINE_LIMIT], file=sys.stderr)
+        print(f"labanmesh: {with_scene_file(str(error), words)}"[:ERROR_LINE_LIMIT], file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
         return INTERRUPTED

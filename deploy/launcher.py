@@ -26,7 +26,7 @@ LAST_LINES_S = 1.0
 """How long to wait for the last lines of a process that ended."""
 OWN_NAME = "[up]"
 """The launcher's name in the log; ids hold no brackets, so no observer can have this name."""
-POLL_S = 0.1
+PROCESS_POLL_S = 0.1
 """How often the loop checks whether it should stop; the end of a process wakes it at once."""
 BAD_INPUT = 2
 
@@ -189,7 +189,7 @@ class Launcher:
     def _wait_for_end(self) -> None:
         """Wait for the next end of a process, for a moment."""
         try:
-            name = self._ended.get(timeout=POLL_S)
+            name = self._ended.get(timeout=PROCESS_POLL_S)
         except queue.Empty:
             return
         status = self._running.pop(name).returncode

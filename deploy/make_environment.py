@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import IO
 
 SHOW_S = 0.3
-LINE_S = 20.0
+PROGRESS_LINE_S = 20.0
 """Between two lines of one step where the output is no terminal."""
 FETCHED = re.compile(
     r"\s*(?:Downloading|Using cached|Processing) (?:\S*/)?(\w[\w.]*?)-\d\S*\.(?:whl|gz|zip)(?!\.metadata)"
@@ -57,7 +57,7 @@ class StepDisplay:
         if self._terminal:
             line = f"{self._name}: {text}"[: shutil.get_terminal_size().columns - 1]
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
-        elif new or time.monotonic() - self._shown_s >= LINE_S:
+        elif new or time.monotonic() - self._shown_s >= PROGRESS_LINE_S:
             print(f"{self._name}: {text}", file=sys.stderr, flush=True)
         else:
             return

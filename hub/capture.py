@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
     from common.capture_file import CaptureWriter
 
-TAKE_S = 0.1
+CAPTURE_TAKE_S = 0.1
 """How long one look into the inbox waits; at most this much is lost when the process is killed."""
-QUERY_S = 0.3
+CAPTURE_QUERY_S = 0.3
 QUERY_AGAIN_NS = 2 * SECOND_NS
 INBOX_LIMIT = 65_536
 """Messages that wait while the disk is slow; a scene of four cameras publishes about 200 a second."""
@@ -113,7 +113,7 @@ class SceneCapture:
 
         Raises LabanmeshError when the file cannot be written.
         """
-        for arrival in self._inbox.take(TAKE_S):
+        for arrival in self._inbox.take(CAPTURE_TAKE_S):
             self._write("put", arrival.key, arrival.payload, arrival.arrived_ns)
         # After the last messages of a process that has gone, in the order in which fusion sees them.
         self._write_tokens()
@@ -133,7 +133,7 @@ class SceneCapture:
             self._query()
 
     def _query(self) -> None:
-        answers = self._link.ask_each(f"{self._keys.root}/**", QUERY_S)
+        answers = self._link.ask_each(f"{self._keys.root}/**", CAPTURE_QUERY_S)
         self._queried_ns = self._clock()
         # A process may declare its vocabulary after its token; without any process none is missing.
         answered = any(key == self._keys.vocabulary for key, _ in answers)

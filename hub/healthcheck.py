@@ -19,11 +19,11 @@ from common.errors import BadInput, LabanmeshError
 if TYPE_CHECKING:
     from common.messages import StatusMessage
 
-TIMEOUT_S = 3.0
+READY_TIMEOUT_S = 3.0
 """A container gives its check five seconds, of which Python needs one to start."""
-PAUSE_S = 0.05
+ASK_PAUSE_S = 0.05
 MESH_TIMEOUT_S = 2.0
-HUBS = ("mqtt", "dashboard", "events")
+HUB_PROCESSES = ("mqtt", "dashboard", "events")
 
 
 def ready(
@@ -44,7 +44,7 @@ def ready(
     Example: LABANMESH_METRICS_LISTEN=127.0.0.1:9465 labanmesh doctor --ready scene.toml
     """
     config = read_scene(scene)
-    known = (*config.roster, *config.services, *HUBS)
+    known = (*config.roster, *config.services, *HUB_PROCESSES)
     if process and process not in known:
         raise BadInput(f"--process {process}: not in {scene}; known: {', '.join(known)}")
     listen = config.metrics.listen
@@ -69,7 +69,7 @@ def _check_ports(first: Address, process: str, count: int) -> str:
 
 def _readiness(address: Address) -> dict[str, object] | None:
     """The answer of /readyz; None when there is none."""
-    connection = http.client.HTTPConnection(address.host, address.port, timeout=TIMEOUT_S)
+    connection = http.client.HTTPConnection(address.host, address.port, timeout=READY_TIMEOUT_S)
     try:
         connection.request("GET", "/readyz")
         answer = json.loads(connection.getresponse().read(65_536))
@@ -94,7 +94,7 @@ def _check_mesh(scene: Scene, process: str) -> str:
     from common.wire import BadMessage
     from hub.session import decode_for_hub
 
-    if process in HUBS and process not in (*scene.roster, *scene.services):
+    if process in HUB_PROCESSES and process not in (*scene.roster, *scene.services):
         raise BadInput(f"--process {process}: a hub has no status on the mesh; set metrics.listen")
     wanted = (process,) if process else (*scene.services, *scene.roster)
     statuses: dict[str, StatusMessage] = {}
@@ -109,7 +109,7 @@ def _check_mesh(scene: Scene, process: str) -> str:
                     raise LabanmeshError(f"{scene.scene}: unusable status: {error}") from None
                 if isinstance(status, StatusMessage):
                     statuses[status.id] = status
-            time.sleep(PAUSE_S)
+            time.sleep(ASK_PAUSE_S)
     faults = [f"{name}: {fault}" for name in wanted if (fault := _fault(statuses.get(name)))]
     if faults:
         raise LabanmeshError(f"{scene.scene}: {'; '.join(faults)}")

@@ -22,7 +22,7 @@ from hub import people, same_id
 from hub.verdict_log import with_verdict
 
 VERDICTS_LIMIT = 10
-STRANGERS_LIMIT = 64
+SHOWN_STRANGERS_LIMIT = 64
 """Processes that the scene file does not name are shown up to this number: names can be invented."""
 SOMETHING_ELSE = "something else"  # shown for an answer that is none of the movements; no label contains a space
 SILENT_AFTER_S = 2.0  # a fusion service without a judgement for so long is shown as silent
@@ -148,11 +148,11 @@ class SceneState:
                 return replace(self, vocabulary=message)
 
     def _with_status(self, message: StatusMessage, role: SenderRole, received_ns: int) -> "SceneState":
-        """The state with the status; of processes that the scene does not name, STRANGERS_LIMIT are kept."""
+        """The state with the status; of processes that the scene does not name, SHOWN_STRANGERS_LIMIT are kept."""
         known = self.observer_status if role == "observer" else self.fusion_status
         expected = self.roster if role == "observer" else self.services
         is_new = message.id not in known and message.id not in expected
-        if is_new and sum(each not in expected for each in known) >= STRANGERS_LIMIT:
+        if is_new and sum(each not in expected for each in known) >= SHOWN_STRANGERS_LIMIT:
             return self
         statuses = {**known, message.id: message}
         if role == "observer":

@@ -26,7 +26,7 @@ TAKE_S = 0.1
 QUERY_S = 0.5
 QUERY_AGAIN_S = 2.0
 """How often a vocabulary that judgements refer to and that is unknown here is queried, and verdicts at most."""
-END_S = 5.0
+LISTENER_END_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,4 +214,4 @@ class SceneListener:
 
     def __exit__(self, *_: object) -> None:
         self._ended.set()
-        self._thread.join(END_S)
+        self._thread.join(LISTENER_END_S)

@@ -9,7 +9,7 @@ from common.config import MeshConfig
 from common.link import Link, MeshRole
 
 LOOPBACK = "tcp/127.0.0.1:0"
-END_S = 40.0
+SERVICE_END_S = 40.0
 """A service ends within milliseconds of its stop event; a machine that is busy with other tests needs longer."""
 
 
@@ -30,11 +30,11 @@ def running(serve: Callable[..., object], *arguments: object) -> Iterator[tuple[
         yield stop, thread
     finally:
         stop.set()
-        thread.join(END_S)
+        thread.join(SERVICE_END_S)
     if faults:
         raise faults[0]
     if thread.is_alive():
-        raise TimeoutError(f"{serve} did not end within {END_S:g} s of its stop event")
+        raise TimeoutError(f"{serve} did not end within {SERVICE_END_S:g} s of its stop event")
 
 
 class Mesh:

@@ -14,9 +14,9 @@ from labanmesh_testing.mesh import LOOPBACK, Mesh
 from labanmesh_testing.stub_observer import StubObserver
 from labanmesh_testing.verdict_listener import listening
 
-RATE_HZ = 30.0
+STUB_RATE_HZ = 30.0
 """Posteriors of each stub observer in a second: those of a webcam."""
-READY_S = 20.0
+SCENE_READY_S = 20.0
 """A scene is ready within half a second; a machine that is busy with other tests needs longer."""
 OBSERVERS = ("sofa", "shelf", "door")
 
@@ -42,7 +42,7 @@ class RunningScene:
         self.listener = opened.enter_context(listening(self.scene.keys, self.link()))
         self._mesh.run(serve, [self.scene], self.scene.fusion.id, self._mesh.meeting)
         self._mesh.run(self._play)
-        self.listener.wait_for_judgement(lambda judgement: judgement.agreement.n == len(self.observers), READY_S)
+        self.listener.wait_for_judgement(lambda judgement: judgement.agreement.n == len(self.observers), SCENE_READY_S)
 
     def link(self, role: MeshRole = "hub") -> Link:
         """One more process of the scene, as far as the others can tell: for a program under test that takes a link."""
@@ -50,7 +50,7 @@ class RunningScene:
 
     def _play(self, stop: threading.Event) -> None:
         """Let all observers publish, as often as cameras do, until `stop` is set."""
-        while not stop.wait(1 / RATE_HZ):
+        while not stop.wait(1 / STUB_RATE_HZ):
             for observer in self.observers.values():
                 observer.publish_due()
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Ballot = tuple[str | None, float] | tuple[str | None, float, float]
 """Label (None: the person rests), seconds, and the probability of the label."""
-SURE = 0.97
+SURE_P = 0.97
 """The probability of a label where the script gives none: that of a learned model in the middle of a clear movement."""
 RESTS, MOVES = 0.97, 0.03
 """The probability that the person rests, while they do and while they move."""
@@ -46,12 +46,12 @@ class StubObserver:
         end_s, entries = time.monotonic(), []
         for label, seconds, *given in script:
             end_s += seconds
-            p = given[0] if given else SURE
+            p = given[0] if given else SURE_P
             self._check(label, p)
             entries.append((end_s, label, p))
         self._script = entries
 
-    def publish(self, label: str | None, p: float = SURE, at_ns: int | None = None) -> None:
+    def publish(self, label: str | None, p: float = SURE_P, at_ns: int | None = None) -> None:
         """Publish one posterior: `p` for the label, the rest for all others. at_ns: when it was captured, else now."""
         now_ns = time.time_ns()
         with self._lock:
@@ -76,7 +76,7 @@ class StubObserver:
     def publish_due(self) -> None:
         """Publish what the script says about now; called by the scene at the rate of its cameras."""
         now_s = time.monotonic()
-        label, p = next(((label, p) for end_s, label, p in self._script if now_s < end_s), (None, SURE))
+        label, p = next(((label, p) for end_s, label, p in self._script if now_s < end_s), (None, SURE_P))
         self.publish(label, p)
 
     def leave(self) -> None:

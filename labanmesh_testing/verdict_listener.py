@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from common.keys import SceneKeys
     from common.link import Link
 
-TAKE_S = 0.05
+LISTENER_TAKE_S = 0.05
 """How long one look into the inbox waits, so that the end of a scene is soon noticed."""
 T = TypeVar("T")
 
@@ -94,7 +94,7 @@ class VerdictListener:
 
     def _listen(self, stop: threading.Event) -> None:
         while not stop.is_set():
-            for arrival in self._inbox.take(TAKE_S):
+            for arrival in self._inbox.take(LISTENER_TAKE_S):
                 with suppress(BadMessage):
                     if arrival.key == self._keys.verdict:
                         self._add(self._same.take(decode(VerdictMessage, arrival.payload)))

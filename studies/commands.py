@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from studies.evaluated_archives import EvaluatedArchives
     from studies.run_evaluation import EvaluationTasks
 
-FACINGS = 12
+DEFAULT_FACINGS = 12
 """One per 30 degrees: fewer lose up to 2 points between two facings, more cost time (docs/design/model.md)."""
 
 
@@ -151,7 +151,7 @@ def _parameters(options: EvaluateOptions, turn_deg: float | None) -> dict[str, f
 
     parameters = named_numbers("--parameter", options.parameter or [])
     knows_facings = options.model in MODELS and "facings" in MODELS[options.model].PARAMETERS
-    count = options.facings or (FACINGS if turn_deg is None and knows_facings else 0)
+    count = options.facings or (DEFAULT_FACINGS if turn_deg is None and knows_facings else 0)
     return {**({"facings": float(count)} if count else {}), **parameters}
 
 

@@ -29,7 +29,7 @@ from common.wire import BadMessage, decode
 
 PLAY_TIMEOUT_S = 60.0
 """How much longer than the performance the processes may take: on a busy core they need half a minute to start."""
-LOOK_S = 0.1
+LOG_LOOK_S = 0.1
 """How often it looks whether the processes have ended before they published anything."""
 STOP_TIMEOUT_S = 10.0
 NEXT = (
@@ -136,7 +136,7 @@ def play(scene_file: Path, log: Path, length_s: float) -> DemoTraffic:
     ):
         # Before anything is published watch would say that nothing runs.
         end_s = time.monotonic() + PLAY_TIMEOUT_S
-        while up.poll() is None and time.monotonic() < end_s and not is_received.wait(LOOK_S):
+        while up.poll() is None and time.monotonic() < end_s and not is_received.wait(LOG_LOOK_S):
             pass
         with _process([*python, "watch", str(scene_file)]):
             try:

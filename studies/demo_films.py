@@ -32,7 +32,7 @@ from studies.settings import Progress
 
 SCENERY = Scenery("cluttered", noise=3.0)
 """What stands around the performer, and the noise of the cameras."""
-SIZE_PX: Size = (320, 240)
+FILM_SIZE_PX: Size = (320, 240)
 """Of the films; in larger ones camshift finds no more of the performer."""
 RATES_HZ = (15.0, 10.0)
 """Pictures a second of the films, best first: that of the models, and one for slow machines, with which camshift loses
@@ -68,7 +68,7 @@ class FilmRate:
     @property
     def text(self) -> str:
         """What was measured and chosen, in one line."""
-        width, height = SIZE_PX
+        width, height = FILM_SIZE_PX
         line = (
             f"this machine tracks about {self.tracked_per_s:.0f} pictures a second in {self.cameras} processes; "
             f"the demo uses {self.cameras} x {self.rate_hz:g} pictures of {width}x{height} a second "
@@ -88,7 +88,7 @@ class FilmedCorner:
     file: Path
     seed: int
 
-    def frames(self, size_px: Size = SIZE_PX) -> Iterator[Frame]:
+    def frames(self, size_px: Size = FILM_SIZE_PX) -> Iterator[Frame]:
         """All pictures, as fast as possible."""
         motion = RecordedMotion(self.body_parts, (self.stream,), speed=0)
         return VirtualCamera(motion, parse_view(self.view), size_px, SCENERY, self.seed).frames(threading.Event())
@@ -122,7 +122,7 @@ def _film(corner: FilmedCorner, scene_file: Path, folder: Path, cameras: int) ->
 
 
 def _write_film(corner: FilmedCorner, rate_hz: float) -> None:
-    film = Film(corner.file, rate_hz, keep_all=True, size_px=SIZE_PX)
+    film = Film(corner.file, rate_hz, keep_all=True, size_px=FILM_SIZE_PX)
     for frame in replace(corner, stream=resample(corner.stream, rate_hz)).frames():
         film.draw(frame.content, frame.captured_ns)
     film.close()

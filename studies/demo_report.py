@@ -17,7 +17,7 @@ from observer.tracks import Floats
 from studies.demo import DemoTraffic
 from studies.report import figures
 
-LATE_S = 1.0
+LATE_VOTE_S = 1.0
 """A verdict may begin this long after a movement has ended and still belong to it."""
 SLOW_SHARE = 0.1
 """With more votes than this share late, stale or silent, the machine was too slow for the demo."""
@@ -49,7 +49,7 @@ def movement_rows(stream: Recording, traffic: DemoTraffic) -> DemoResult:
     for name, verdict in sorted(traffic.last_words.items(), key=lambda item: item[1].began_ns):
         began_s = traffic.seconds(verdict.began_ns)
         ended_s = traffic.seconds(verdict.ended_ns or verdict.decided_ns)
-        overlaps = [min(end_s + LATE_S, ended_s) - max(begin_s, began_s) for _, begin_s, end_s in spans]
+        overlaps = [min(end_s + LATE_VOTE_S, ended_s) - max(begin_s, began_s) for _, begin_s, end_s in spans]
         best = int(np.argmax(overlaps)) if overlaps else 0
         (ids[best] if overlaps and overlaps[best] > 0 else unmatched).append(name)
     rows = [DemoRow(s.label, begin_s, end_s, tuple(own)) for (s, begin_s, end_s), own in zip(spans, ids, strict=True)]
@@ -152,10 +152,10 @@ def _draw(stream: Recording, traffic: DemoTraffic, labels: Sequence[str], folder
     ]
     playing = (times_s >= 0) & (times_s <= len(stream.positions) / rate)
     timeline = drawing.verdict_timeline_figure(
-        times_s[playing], fused[playing], labels, truth, verdicts, folder / "verdicts.png", LATE_S
+        times_s[playing], fused[playing], labels, truth, verdicts, folder / "verdicts.png", LATE_VOTE_S
     )
     span = _most_disputed(stream, judgements, times_s)
-    inside = np.flatnonzero((times_s >= span.start / rate) & (times_s <= span.end / rate + LATE_S / 2))
+    inside = np.flatnonzero((times_s >= span.start / rate) & (times_s <= span.end / rate + LATE_VOTE_S / 2))
     chosen = [judgements[n] for n in inside]
     beliefs = {name: _posteriors_of(name, chosen, len(labels)) for name in judgements[0].votes}
     beliefs["fused"] = fused[inside]

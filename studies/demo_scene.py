@@ -18,7 +18,7 @@ from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive, Recording, movements_in, resample, subjects_in
 from observer.motion.archive_file import write_archive
 from observer.tracking.camshift import CamshiftTracker
-from studies.demo_films import RATES_HZ, SIZE_PX, FilmedCorner, FilmRate, film_performance
+from studies.demo_films import FILM_SIZE_PX, RATES_HZ, FilmedCorner, FilmRate, film_performance
 from studies.output_files import make_folder, write_text
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.trials import strung
@@ -37,10 +37,10 @@ one in front stands nearer to the middle: from 45 degrees camshift often loses a
 pictures come late, as on one core, the first two movements stay undecided (docs/results/notebook.md).
 """
 LARGE_PX = (640, 480)
-"""Of pictures from the front in which a face is found that was too small in those of SIZE_PX."""
+"""Of pictures from the front in which a face is found that was too small in those of FILM_SIZE_PX."""
 PREVIEWED = "front-left"
 """The observer whose view is filmed with the tracks drawn in."""
-MOST_MOVEMENTS = 10
+DEMO_MOVEMENTS_LIMIT = 10
 """Movements of a recorded person that fit into a demo of under 90 s."""
 Progress = Callable[[str, int, int], None]
 
@@ -92,7 +92,7 @@ def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Re
         return whole[0]
     rng = np.random.default_rng([seed, 3])
     first = {r.label: r for r in own if r.label in labels}
-    picked = rng.permutation(sorted(first))[:MOST_MOVEMENTS]
+    picked = rng.permutation(sorted(first))[:DEMO_MOVEMENTS_LIMIT]
     return strung([first[str(label)] for label in picked], rng)[0]
 
 
@@ -137,7 +137,7 @@ def _save_skin(performance: Performance, file: Path) -> None:
     """
     stream = resample(performance.stream, RATES_HZ[0])
     camera = FilmedCorner("front", performance.learned.body_parts, stream, "door", file, 0)
-    for size_px in (SIZE_PX, LARGE_PX):
+    for size_px in (FILM_SIZE_PX, LARGE_PX):
         tracker = CamshiftTracker()
         for frame in camera.frames(size_px):
             tracker.update(frame)

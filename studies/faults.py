@@ -11,7 +11,7 @@ from observer.tracks import Frame, Tracker, Tracks
 
 Floats = NDArray[np.float64]
 
-LATE_S = 1.0
+FAULT_DELAY_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +72,7 @@ def silent(own: ObserverOutputs, other: ObserverOutputs, rate_hz: float, rng: np
 
 def late(own: ObserverOutputs, other: ObserverOutputs, rate_hz: float, rng: np.random.Generator) -> ObserverOutputs:
     """All outputs one second late, the prior before."""
-    delay = min(round(LATE_S * rate_hz), len(own.p))
+    delay = min(round(FAULT_DELAY_S * rate_hz), len(own.p))
     shifted = own.at(np.maximum(np.arange(len(own.p)) - delay, 0))
     before, prior = np.arange(len(own.p)) < delay, silent(own, other, rate_hz, rng)
     shifted.p[before] = prior.p[before]

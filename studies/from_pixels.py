@@ -36,9 +36,9 @@ from studies.evaluate import (
 )
 from studies.trials import IDLE_NOISE_M, EvaluationTrial
 
-RATE_HZ = 30.0
-"""The rate of a camera; resample the archive first: `observer.motion.archive.select(archive, rate_hz=RATE_HZ)`."""
-IDLE_S = 1.5
+PICTURE_RATE_HZ = 30.0
+"""The rate of a camera; resample the archive first: `observer.motion.archive.select(archive, rate_hz=...)`."""
+FILM_IDLE_S = 1.5
 """Trembling rest before each recording, in which the tracker finds the person."""
 FRONTAL = 0.9
 """A camera that the performer faces less than this (a cosine; 26 degrees) gets the skin learned from the front."""
@@ -67,7 +67,7 @@ class RecordedTracks:
 
 def track_pictures(trial: EvaluationTrial, view: View, recorded: tuple[str, ...], filming: Filming) -> list[Tracks]:
     """The tracks that camshift finds in pictures of the trial's F frames, after a rest in which it finds the person."""
-    still, recording = round(IDLE_S * trial.recording.rate_hz), trial.recording
+    still, recording = round(FILM_IDLE_S * trial.recording.rate_hz), trial.recording
     rng = np.random.default_rng([filming.seed, zlib.crc32(trial.name.encode())])
     idle = np.repeat(recording.positions[:1], still, axis=0)
     idle = (idle + rng.normal(0, IDLE_NOISE_M, idle.shape)).astype(np.float32)
@@ -98,7 +98,7 @@ def evaluate_pixels(
 ) -> EvaluationResult:
     """As `studies.evaluate.evaluate`, with tracks from pictures instead of projected joints.
 
-    Models are learned from the joints. The archive should have RATE_HZ. Raises BadInput as `evaluate` does.
+    Models are learned from the joints. The archive should have PICTURE_RATE_HZ. Raises BadInput as `evaluate` does.
     """
     vocabulary, folds = Vocabulary(settings.labels), folds_of(archive, settings, settings.labels)
     results: list[TrialResult] = []

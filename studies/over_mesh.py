@@ -25,9 +25,9 @@ from observer.runtime.service import PosteriorPublisher
 from observer.tracks import Floats
 from studies.evaluate import EvaluationResult, Progress, TrialResult
 
-TIMEOUT_S = 10.0
+JUDGED_TIMEOUT_S = 10.0
 """Until a session finds the fusion service, and until a judgement arrives."""
-REPEAT_S = 0.5
+POSTERIOR_REPEAT_S = 0.5
 """Posteriors may be lost under load; the last ones are sent again after so long."""
 TOLERANCE = 1e-6
 """Posteriors that differ by less are equal: they travel in single precision."""
@@ -49,7 +49,7 @@ def fused_over_mesh(result: EvaluationResult, progress: Progress = lambda *_: No
     Raises LabanmeshError when a judgement does not arrive.
     """
     ids = [f"view-{v}" for v in range(len(result.settings.views))]
-    config = FusionConfig(rule=result.settings.rule, fresh_s=TIMEOUT_S, drop_s=2 * TIMEOUT_S)
+    config = FusionConfig(rule=result.settings.rule, fresh_s=JUDGED_TIMEOUT_S, drop_s=2 * JUDGED_TIMEOUT_S)
     observers = {name: ObserverConfig(source="evaluated") for name in ids}
     vocabulary = result.vocabulary
     scene = Scene(
@@ -84,8 +84,8 @@ def _label(run: _MeshRun, result: TrialResult, number: int, total: int, progress
     last = {}
     for v, (name, link) in enumerate(zip(run.scene.roster, run.observers, strict=True)):
         publisher = link.publisher(run.scene.keys.posterior(name))
-        if number == 0 and not publisher.wait_for_subscriber(TIMEOUT_S):
-            raise LabanmeshError(f"{name} found no fusion service on the mesh within {TIMEOUT_S:g} s")
+        if number == 0 and not publisher.wait_for_subscriber(JUDGED_TIMEOUT_S):
+            raise LabanmeshError(f"{name} found no fusion service on the mesh within {JUDGED_TIMEOUT_S:g} s")
         sender = PosteriorPublisher(run.vocabulary, publisher)
         posteriors = [_posterior(result, v, n) for n in range(len(result.views))]
         for posterior in posteriors:
@@ -110,17 +110,17 @@ def _publish(sender: PosteriorPublisher, posterior: Posterior) -> None:
 def _await_label(run: _MeshRun, last: Mapping[str, tuple[PosteriorPublisher, Posterior]], trial: str) -> str:
     """The label of the first judgement in which the last posterior of every observer counts."""
     begun = sent = time.monotonic()
-    while (now := time.monotonic()) < begun + TIMEOUT_S:
-        for arrival in run.judgements.take(REPEAT_S):
+    while (now := time.monotonic()) < begun + JUDGED_TIMEOUT_S:
+        for arrival in run.judgements.take(POSTERIOR_REPEAT_S):
             judgement = decode(JudgementMessage, arrival.payload)
             if all(_counts(judgement, name, posterior.p) for name, (_, posterior) in last.items()):
                 return judgement.label
-        if now > sent + REPEAT_S:
+        if now > sent + POSTERIOR_REPEAT_S:
             # Zenoh drops messages under load: the last posteriors may have been lost, so they are sent again.
             sent = now
             for sender, posterior in last.values():
                 _publish(sender, posterior)
-    raise LabanmeshError(f"no judgement of {trial} arrived over the mesh within {TIMEOUT_S:g} s")
+    raise LabanmeshError(f"no judgement of {trial} arrived over the mesh within {JUDGED_TIMEOUT_S:g} s")
 
 
 def _counts(judgement: JudgementMessage, observer: str, p: Floats) -> bool:

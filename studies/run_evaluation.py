@@ -128,9 +128,9 @@ def _from_pixels(
     """From pictures at a camera's rate, and for comparison from the joints."""
     # Imported on use: positions need no OpenCV.
     from observer.rendering.scenery import Scenery
-    from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels
+    from studies.from_pixels import PICTURE_RATE_HZ, Filming, evaluate_pixels
 
-    sampled = select(archive, rate_hz=RATE_HZ)
+    sampled = select(archive, rate_hz=PICTURE_RATE_HZ)
     result = evaluate_pixels(sampled, settings, Filming(Scenery(background=tasks.scenery)), bar)
     joints = _from_joints(sampled, settings, tasks, needs_raw, bar)
     figures = as_json(result) | {"background": tasks.scenery, "joints": as_json(joints.result)}

@@ -31,13 +31,13 @@ from deploy.doctor.traffic import (
 GROUP: Final = "the mesh"
 OPEN_S = 2.0
 """How long a router may take to admit this process."""
-ANSWER_S = 1.0
+STATUS_ANSWER_S = 1.0
 """How long the process at the endpoint may take to answer as Zenoh does: on one machine it takes 12 ms."""
-QUERY_S = 0.4
-SILENCE_S = 1.0
+MESH_QUERY_S = 0.4
+MESH_SILENCE_S = 1.0
 """After so long without any sign of life the doctor stops listening."""
-TAKE_S = 0.1
-RETRY_S = 0.01
+DOCTOR_TAKE_S = 0.1
+STATUS_RETRY_S = 0.01
 PEERS = "@/*/*"
 """Every Zenoh process answers here with whom it is connected."""
 SKEW_S = 0.5
@@ -108,13 +108,13 @@ def _connectable(mesh: MeshConfig) -> MeshConfig:
 
 
 def _is_connected(link: Link) -> bool:
-    """Whether a Zenoh process is at the other end, by ANSWER_S: a peer's link opens before it has a connection."""
-    end_s = time.monotonic() + ANSWER_S
+    """Whether a Zenoh process answers within STATUS_ANSWER_S: a peer's link opens before it has a connection."""
+    end_s = time.monotonic() + STATUS_ANSWER_S
     while time.monotonic() < end_s:
-        answers = [json.loads(payload) for payload in link.ask(PEERS, ANSWER_S).values()]
+        answers = [json.loads(payload) for payload in link.ask(PEERS, STATUS_ANSWER_S).values()]
         if any(answer.get("sessions") for answer in answers):
             return True
-        time.sleep(RETRY_S)
+        time.sleep(STATUS_RETRY_S)
     return False
 
 
@@ -124,14 +124,14 @@ def _traffic(scene: Scene, link: Link, for_s: float) -> MeshTraffic:
     observers = link.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
     fusions = link.presence(keys.fusion_alive(), map(keys.fusion_alive, scene.services))
     inbox = link.inbox(keys.posterior(), keys.judgement, keys.observer_status(), keys.fusion_status())
-    for key, payload in link.ask(f"{keys.root}/**", min(QUERY_S, for_s)).items():
+    for key, payload in link.ask(f"{keys.root}/**", min(MESH_QUERY_S, for_s)).items():
         traffic.record(key, payload, time.time_ns(), queried=True)
     while (passed_s := time.monotonic() - began_s) < for_s:
-        for arrival in inbox.take(min(TAKE_S, for_s - passed_s)):
+        for arrival in inbox.take(min(DOCTOR_TAKE_S, for_s - passed_s)):
             traffic.record(arrival.key, arrival.payload, arrival.arrived_ns)
         traffic.alive_observers = frozenset(map(observer_of, observers.alive))
         traffic.alive_fusions = frozenset(map(observer_of, fusions.alive))
-        if traffic.silent and passed_s > SILENCE_S:
+        if traffic.silent and passed_s > MESH_SILENCE_S:
             break
     traffic.listened_s = time.monotonic() - began_s
     return traffic

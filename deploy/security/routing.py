@@ -29,10 +29,10 @@ from deploy.security.issuing import FOLDER, REGISTER, read_register, read_scenes
 from deploy.security.router_config import listening, router_config
 
 FileStamp = tuple[int, int, int] | None
-POLL_S = 1.0
+RULES_POLL_S = 1.0
 REOPEN_S = 10.0
 """How long a port may stay taken after the session that had it was closed."""
-RETRY_S = 0.1
+ROUTER_RETRY_S = 0.1
 log = logging.getLogger("labanmesh.deploy")
 
 
@@ -133,7 +133,7 @@ def rules_of_scenes(paths: Sequence[Path], endpoint: str = "") -> RouterRules:
     return RouterRules(source, make, lambda: [*scene_files(paths), register_file], credentials)
 
 
-def route(rules: RouterRules, stop: threading.Event, poll_s: float = POLL_S) -> None:
+def route(rules: RouterRules, stop: threading.Event, poll_s: float = RULES_POLL_S) -> None:
     """Relay under `rules` until `stop` is set; raises LabanmeshError when they cannot be used at the start."""
     current = Configuration.read(rules)
     notifier, timeout_s = Notifier.from_environment(), 0.0
@@ -156,9 +156,9 @@ def _open(text: str, rules: RouterRules, stop: threading.Event, timeout_s: float
         try:
             return Link.router(text, rules.source)
         except LabanmeshError:
-            if waited_s >= timeout_s or stop.wait(RETRY_S):
+            if waited_s >= timeout_s or stop.wait(ROUTER_RETRY_S):
                 raise
-            waited_s += RETRY_S
+            waited_s += ROUTER_RETRY_S
 
 
 def _wait_for_change(

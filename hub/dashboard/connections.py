@@ -3,8 +3,8 @@
 1. A browser has REQUEST_S for each request; a connection on which nothing is asked is closed.
 2. There are at most so many connections in all and from one address. Beyond that the one that has been idle for longest
    makes room for the new one; when none is idle the new one is closed.
-3. An accept that fails, as without descriptors, is tried again after BACK_OFF_S. asyncio's own loop tries it once for
-   each place in the backlog, and logs each time.
+3. An accept that fails, as without descriptors, is tried again after ACCEPT_BACK_OFF_S. asyncio's own loop tries it
+   once for each place in the backlog, and logs each time.
 """
 
 import asyncio
@@ -28,7 +28,7 @@ CONNECTIONS_LIMIT, ADDRESS_LIMIT = 1024, 400
 DESCRIPTORS_KEPT = 32
 """For files, and for the mesh when it reconnects."""
 REQUEST_S = 10.0
-BACK_OFF_S = 0.5
+ACCEPT_BACK_OFF_S = 0.5
 CROWDED_S = 0.002
 """Pause after a connection that another one made room for: a flood of them takes a sixth of a core, not a third, and a
 full backlog of 128 is accepted within a third of a second."""
@@ -158,8 +158,8 @@ async def accept_connections(
         try:
             connection, peer = await loop.sock_accept(port)
         except OSError as error:
-            log.warning("cannot accept a browser: %s; trying again in %g s", reason_of(error), BACK_OFF_S)
-            await asyncio.sleep(BACK_OFF_S)
+            log.warning("cannot accept a browser: %s; trying again in %g s", reason_of(error), ACCEPT_BACK_OFF_S)
+            await asyncio.sleep(ACCEPT_BACK_OFF_S)
             continue
         before = len(table)
         if table.make_room(address_group(str(peer[0]))):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from common.messages import JudgementMessage, OngoingMovement, StatusMessage, VerdictMessage, Vote
 from hub.dashboard.placement import FloorPosition
-from hub.dashboard.verdict_reasons import NAMES_LIMIT, reasons
+from hub.dashboard.verdict_reasons import REASON_NAMES_LIMIT, reasons
 from hub.same_id import in_words
 from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
 from hub.wording import facing, facing_words, leaning_lines, leanings, person_line, rounded
@@ -23,7 +23,7 @@ FUSED_SHOWN = 5
 LABELS_SHOWN = 3
 CROWD = 12
 """More observers than this are a list of one line each, with only their most probable label."""
-TEXT_LIMIT = 80
+PAGE_TEXT_LIMIT = 80
 SENTENCE_LIMIT = 400
 COUNT_LIMIT = 999_999
 NS_PER_MS = 1_000_000
@@ -119,9 +119,9 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
     state = history.state
     is_named = state.vocabulary is not None and state.vocabulary.hash == verdict.vocabulary.hash
     fused = state.ranked(verdict.p, None, verdict.unlearned) if is_named and state.labels else ()
-    leaning = (f"{line}." for line in islice(leaning_lines(verdict, state), NAMES_LIMIT))
+    leaning = (f"{line}." for line in islice(leaning_lines(verdict, state), REASON_NAMES_LIMIT))
     return {
-        "id": verdict.id[:TEXT_LIMIT],
+        "id": verdict.id[:PAGE_TEXT_LIMIT],
         **({"person": verdict.person} if verdict.person else {}),
         "label": _text(verdict.label),
         "stage": verdict.stage,
@@ -157,7 +157,7 @@ def _count(judgement: JudgementMessage, movement: OngoingMovement | VerdictMessa
     if judgement.repetitions is None or movement is None or movement.label is None:
         return None
     counted = {"done": min(judgement.repetitions, COUNT_LIMIT), "partial": judgement.partial_repetitions or 0}
-    return {"id": movement.id[:TEXT_LIMIT], "label": _text(movement.label), **counted}
+    return {"id": movement.id[:PAGE_TEXT_LIMIT], "label": _text(movement.label), **counted}
 
 
 def _manner(judgement: JudgementMessage | None) -> Json:
@@ -228,5 +228,5 @@ def _ranked(ranked: Iterable[RankedLabel]) -> list[list[object]]:
     return [[_text(each.label), round(each.p, 3)] for each in ranked]
 
 
-def _text(text: str, limit: int = TEXT_LIMIT) -> str:
+def _text(text: str, limit: int = PAGE_TEXT_LIMIT) -> str:
     return text if len(text) <= limit else text[: limit - 1] + "…"

@@ -1,6 +1,6 @@
 """Live pictures for browsers: an observer is subscribed to only while a browser asks for its pictures.
 
-1. A browser asks again and again for the newest picture; the subscription ends LEASE_S after the last request.
+1. A browser asks again and again for the newest picture; the subscription ends VIEWER_LEASE_S after the last request.
 2. Nothing is kept but the newest picture of each observer that somebody watches.
 """
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from common.link import Link
     from common.subsession import SubSession
 
-LEASE_S = 3.0
+VIEWER_LEASE_S = 3.0
 JPEG_START = b"\xff\xd8"
 PictureState = Literal["picture", "none yet", "switched off", "no right"]
 
@@ -79,7 +79,7 @@ class PictureRelay:
         """End the subscriptions that no browser has asked for; to be called now and then."""
         with self._lock:
             now_s = self._clock()
-            for observer in [name for name, each in self._watched.items() if now_s - each.asked_s > LEASE_S]:
+            for observer in [name for name, each in self._watched.items() if now_s - each.asked_s > VIEWER_LEASE_S]:
                 self._watched.pop(observer).declared.close()
 
     def _watch(self, observer: str) -> _Watched:

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from common.config import Scene
     from common.link import Link
 
-CHECK_S = 0.1
+SERVER_CHECK_S = 0.1
 SHUTDOWN_S = 2
 """How long the end waits for browsers that do not disconnect."""
 NO_RIGHT = (
@@ -203,7 +203,7 @@ async def _serve(
         loop = asyncio.get_running_loop()
         end_s = None if run.for_s is None else loop.time() + run.for_s
         while not (run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
-            await asyncio.sleep(CHECK_S)
+            await asyncio.sleep(SERVER_CHECK_S)
             tidy()
         accepting.cancel()
         server.should_exit = True

@@ -55,9 +55,9 @@ if TYPE_CHECKING:
 log = logging.getLogger("labanmesh.hub")
 FILES = {f"/{name}": name for name in ("teach.js", "figures.js", "teach.css")}
 BODY_LIMIT = 8192
-HOLD_S = 10.0
+LONG_POLL_S = 10.0
 """So long a request for the state waits for something new."""
-CHECK_S = 0.05
+LESSON_CHECK_S = 0.05
 OFF = "Teaching is off on this page. Start it with: labanmesh dashboard SCENE --teach"
 Handle = Callable[[Request], Awaitable[Response]]
 
@@ -152,10 +152,10 @@ class TeachPage:
         """How the lesson stands; with `?after=VERSION` once it stands otherwise."""
         lesson_server, after = self._required, request.query_params.get("after", "")
         loop = asyncio.get_running_loop()
-        end_s = loop.time() + HOLD_S
+        end_s = loop.time() + LONG_POLL_S
         lesson_server.looked()
         while str(lesson_server.version) == after and loop.time() < end_s and not self._ended:
-            await asyncio.sleep(CHECK_S)
+            await asyncio.sleep(LESSON_CHECK_S)
         return _answer({**lesson_server_data(lesson_server), "file": self._file})
 
     async def _home(self, request: Request) -> Response:

@@ -7,7 +7,7 @@ from common.text import plural
 from hub.scene_state import is_abstention, is_heard
 from hub.wording import age
 
-NAMES_LIMIT = 6
+REASON_NAMES_LIMIT = 6
 """How many observers a sentence names; it counts the others, since a scene may have hundreds."""
 
 
@@ -59,9 +59,9 @@ def _score(verdict: VerdictMessage) -> Iterator[str]:
         return
     judges = verdict.scores or {}
     points = [f"{name} {score:.1f}" for name, score in judges.items()]
-    more = len(points) - NAMES_LIMIT
+    more = len(points) - REASON_NAMES_LIMIT
     rest = f" and {more} more" if more > 0 else ""
-    by = f": {', '.join(points[:NAMES_LIMIT])}{rest}" if points else ""
+    by = f": {', '.join(points[:REASON_NAMES_LIMIT])}{rest}" if points else ""
     yield f"Scored {verdict.score:.1f} of 10 against the reference takes{by}."
     yield from (f"{remark[:1].upper()}{remark[1:]}." for remark in verdict.remarks or ())
 
@@ -102,7 +102,7 @@ def _faults(verdict: VerdictMessage) -> Iterator[str]:
         "invalid": "sent an unusable message and did not count",
     }
     faulty = [(name, vote) for name, vote in verdict.votes.items() if vote.state in sentences]
-    if len(faulty) > NAMES_LIMIT:
+    if len(faulty) > REASON_NAMES_LIMIT:
         yield f"{len(faulty)} judges did not count in full; the table shows which."
         return
     for name, vote in faulty:
@@ -110,6 +110,6 @@ def _faults(verdict: VerdictMessage) -> Iterator[str]:
 
 
 def _listed(names: list[str], last: str = "and") -> str:
-    if len(names) > NAMES_LIMIT:
-        return f"{', '.join(names[:NAMES_LIMIT])} and {len(names) - NAMES_LIMIT} more"
+    if len(names) > REASON_NAMES_LIMIT:
+        return f"{', '.join(names[:REASON_NAMES_LIMIT])} and {len(names) - REASON_NAMES_LIMIT} more"
     return ", ".join(names[:-1]) + (f" {last} " if len(names) > 1 else "") + names[-1]

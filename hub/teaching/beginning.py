@@ -13,7 +13,7 @@ STANDS_S = 1.2
 """Somebody who has stood still for so long, in the sight of one observer, is ready."""
 RESTLESS_S = 30.0
 """After so long in sight the lesson begins with somebody who never stands still, as in a film."""
-NOBODY_S = 180.0
+NOBODY_CAME_S = 180.0
 HINTS = {
     "key": "press a key to begin",
     "clap": "clap your hands once, in front of you, to begin; or press a key",
@@ -23,7 +23,7 @@ NOBODY = "nobody came into the sight of a camera in {:.0f} minutes; the same com
 
 
 def wait_for_sign(how: Begin, participants: Participants, step: Step) -> None:
-    """Wait until the takes of a movement may begin; raises LabanmeshError if nobody comes for NOBODY_S.
+    """Wait until the takes of a movement may begin; raises LabanmeshError if nobody comes for NOBODY_CAME_S.
 
     step: the movement, for the screen.
     """
@@ -33,7 +33,7 @@ def wait_for_sign(how: Begin, participants: Participants, step: Step) -> None:
     interface.say(f"{step.label}: {HINTS[how]}")
     seen_s = sighted_s = interface.now_s()
     sign = SIGNS[how]()
-    while interface.now_s() - seen_s < NOBODY_S:
+    while interface.now_s() - seen_s < NOBODY_CAME_S:
         interface.show(step)
         if interface.between(step, LOOK_S).kind == "begin":
             return
@@ -47,7 +47,7 @@ def wait_for_sign(how: Begin, participants: Participants, step: Step) -> None:
             sighted_s = interface.now_s()
         if sign.is_given(replies, interface.now_s()):
             return
-    raise LabanmeshError(NOBODY.format(NOBODY_S / 60))
+    raise LabanmeshError(NOBODY.format(NOBODY_CAME_S / 60))
 
 
 class Sign(Protocol):

@@ -15,7 +15,7 @@ FONT = {
 ROWS, WIDE, PITCH = 5, 3, 4
 SQUARES_WIDE = 2
 """Columns of a square: a terminal's characters are twice as high as wide."""
-LARGEST = 4
+LARGEST_SCALE = 4
 
 
 def big(text: str, columns: int, lines: int) -> list[str]:
@@ -25,7 +25,7 @@ def big(text: str, columns: int, lines: int) -> list[str]:
     """
     letters = [_rows(letter) for letter in text.upper()]
     squares = max(PITCH * len(letters) - 1, 1)
-    scale = min(columns // (SQUARES_WIDE * squares), lines // ROWS, LARGEST)
+    scale = min(columns // (SQUARES_WIDE * squares), lines // ROWS, LARGEST_SCALE)
     if not letters or scale < 1:
         return []
     width = SQUARES_WIDE * scale

@@ -3,7 +3,7 @@
 1. The lesson runs in a thread of this process. A page only shows `state` and presses, so that it may be reloaded or
    sleep, and a second one sees the same.
 2. Observers are asked how they stand only while somebody looks, or a lesson waits; its own requests count too.
-3. While a lesson waits it stays the teacher of its observers, until nobody has looked for LEFT_S.
+3. While a lesson waits it stays the teacher of its observers, until nobody has looked for LESSON_LEFT_S.
 """
 
 import logging
@@ -37,11 +37,11 @@ from hub.teaching.wording import NO_RIGHT, on_a_page
 log = logging.getLogger("labanmesh.hub")
 LOOK_S, FIRST_S = 0.5, 0.1
 """How often observers are asked, and while none has answered yet."""
-LEASE_S = 5.0
+TEACHER_LEASE_S = 5.0
 """So long after the last page has asked, observers are still asked."""
-LEFT_S = 1800.0
-VERDICTS_LIMIT = 100
-END_S = 5.0
+LESSON_LEFT_S = 1800.0
+LESSON_VERDICTS_LIMIT = 100
+LESSON_END_S = 5.0
 TEACH_KEPT, FORGET_KEPT = "every take is kept", "what was removed stays removed; forget it again for the rest"
 """What stopping loses: nothing."""
 BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
@@ -63,7 +63,7 @@ class LessonServer:
         self._replies: dict[str, TeachReply] = {}
         self._silent: frozenset[str] = frozenset()
         self._scene_state = SceneState(scene.scene, scene.roster)
-        self._arrived: deque[ArrivedVerdict] = deque(maxlen=VERDICTS_LIMIT)
+        self._arrived: deque[ArrivedVerdict] = deque(maxlen=LESSON_VERDICTS_LIMIT)
         self._looked_s = float("-inf")
         self._own_id, self._closed = secrets.token_hex(8), threading.Event()
         self.version = 0
@@ -215,8 +215,8 @@ class LessonServer:
         lesson = self._lesson
         if lesson is not None and lesson.thread is not None:
             lesson.interface.end()
-            lesson.thread.join(END_S)
-        self._thread.join(END_S)
+            lesson.thread.join(LESSON_END_S)
+        self._thread.join(LESSON_END_S)
 
     def _show(self, observer: str, request: TeachRequest) -> ShownTracks | None:
         if observer not in self.scene.roster:
@@ -257,9 +257,9 @@ class LessonServer:
             idle_s = self._clock() - self._looked_s
             goes_on = lesson is not None and not lesson.over
             waits = goes_on and lesson is not None and lesson.interface.shown.waits
-            if lesson is not None and waits and idle_s > LEFT_S:
+            if lesson is not None and waits and idle_s > LESSON_LEFT_S:
                 lesson.interface.end()
-            if waits or (idle_s < LEASE_S and not goes_on):
+            if waits or (idle_s < TEACHER_LEASE_S and not goes_on):
                 teacher = lesson.id if lesson is not None and waits else self._own_id
                 self._take_in(
                     self._quick_client.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive()))

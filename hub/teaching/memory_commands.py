@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hub.teaching.interface import LessonInterface
     from hub.teaching.participants import Participants
 
-READY_S = 3.0
+OBSERVERS_READY_S = 3.0
 """So long the last verdicts are waited for."""
 
 
@@ -160,7 +160,7 @@ def forget(
 def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":
     """The scene once its last verdicts have arrived."""
     begun_s = interface.now_s()
-    while not listener.ready and interface.now_s() - begun_s < READY_S:
+    while not listener.ready and interface.now_s() - begun_s < OBSERVERS_READY_S:
         listener.check()
         interface.pause(0.05)
     return listener.state

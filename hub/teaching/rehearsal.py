@@ -35,10 +35,10 @@ LABELS = ("byebye", "maestro", "stretch")
 """Three movements of the performer that its cameras tell apart well."""
 LENGTHS = {"takes": 4, "background_s": 30.0, "alarm_s": 12.0, "countdown": 1}
 """Of a lesson that a person watches to its end: two minutes for LABELS."""
-MOVEMENTS, REST_S = 6, 4.0
+MOVEMENTS, REHEARSAL_REST_S = 6, 4.0
 """Performed after the lesson, in half a minute, and the seconds from a verdict to the next: a movement goes on for 2 s
 after it, and rest tells where it ends."""
-END_S = 2.0
+REHEARSAL_END_S = 2.0
 TITLE = (
     "a rehearsal: a SYNTHETIC performer (a kinematic model, no recorded person) stands before two virtual cameras and "
     "does what this screen asks, as you would; all else is real. About three minutes; Ctrl-C ends it"
@@ -128,13 +128,13 @@ def show_recognition(acted: Rehearsal, interface: Terminal) -> None:
     with subprocess.Popen(command) as view:  # noqa: S603 - it is ours
         try:
             for label in order[:MOVEMENTS]:
-                interface.pause(REST_S)
+                interface.pause(REHEARSAL_REST_S)
                 acted.ask(f"act {label}")
                 decided.append((label, next_verdict(interface)))
         finally:
             view.send_signal(signal.SIGTERM)
             with suppress(subprocess.TimeoutExpired):
-                view.wait(END_S)
+                view.wait(REHEARSAL_END_S)
     for label, verdict in decided:
         interface.say(outcome_line(label, verdict))
     right = sum(label == verdict for label, verdict in decided)

@@ -11,9 +11,9 @@ from pathlib import Path
 from common.errors import LabanmeshError
 from common.files import open_private
 
-START_S = 60.0
+SCENE_START_S = 60.0
 """Trackers with a pose model take some seconds to start."""
-END_S = 10.0
+SCENE_END_S = 10.0
 LOOK_S = 0.2
 
 
@@ -25,7 +25,7 @@ def scene_here(
 
     is_there: whether all observers run. pause: waits so many seconds; raises KeyboardInterrupt to give up. environment:
     variables for the scene's processes alone. Raises LabanmeshError, with the last line of the log, if the scene ends
-    or does not start within START_S.
+    or does not start within SCENE_START_S.
     """
     log = file.with_suffix(".log")
     try:
@@ -42,7 +42,7 @@ def scene_here(
             env={**os.environ, **environment},
         )  # fmt: skip
         try:
-            end_s = time.monotonic() + START_S
+            end_s = time.monotonic() + SCENE_START_S
             while not is_there():
                 if process.poll() is not None or time.monotonic() > end_s:
                     raise LabanmeshError(f"the scene does not start: {_last_line(log)} (all of it: {log})")
@@ -51,7 +51,7 @@ def scene_here(
         finally:
             process.terminate()
             with suppress(subprocess.TimeoutExpired):
-                process.wait(END_S)
+                process.wait(SCENE_END_S)
 
 
 def _last_line(log: Path) -> str:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from common.inbox import Presence
     from common.link import Link
 
-ANSWER_S = 2.0
+OBSERVER_ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
 ATTEMPTS = 3
 FIND_S, LOOK_S = 3.0, 0.1
@@ -26,7 +26,9 @@ FIND_S, LOOK_S = 3.0, 0.1
 class TeachingClient:
     """Asks observers under their own exact keys. answer_s: how long it waits for answers; attempts: how often."""
 
-    def __init__(self, link: SubSession, keys: SceneKeys, answer_s: float = ANSWER_S, attempts: int = ATTEMPTS) -> None:
+    def __init__(
+        self, link: SubSession, keys: SceneKeys, answer_s: float = OBSERVER_ANSWER_S, attempts: int = ATTEMPTS
+    ) -> None:
         self._link, self._keys, self._answer_s, self._attempts = link, keys, answer_s, attempts
 
     def ask(self, request: TeachRequest, observers: Collection[str]) -> Answers:

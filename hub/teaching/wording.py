@@ -10,7 +10,7 @@ from hub.teaching.interface import Step
 SIGNS = {"now": "now", "key": "press a key", "clap": "clap", "still": "stand still"}
 LEAST_S = 6.0
 """A shorter time tells nothing about false alarms."""
-ALIKE = 0.2
+ALIKE_SHARE = 0.2
 """Two movements look alike from where this share of the takes of one is taken for the other."""
 TYPED = {
     "the same command goes on": "Go on continues",
@@ -132,7 +132,7 @@ def alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
             takes = sum(row.values())
             for other, count in row.items():
                 # An observer is a peer: its results may name what its model does not have.
-                if other != one and {one, other} <= set(report.labels) and count > ALIKE * takes:
+                if other != one and {one, other} <= set(report.labels) and count > ALIKE_SHARE * takes:
                     first, second = sorted((one, other), key=report.labels.index)
                     observers = places.setdefault((first, second), [])
                     if name not in observers:

@@ -78,7 +78,7 @@ def _write_counts(axes: Axes, confusion: NDArray[np.int64], shares: Floats) -> N
         axes.text(column, row, count, ha="center", va="center", fontsize=8, color=colour, fontweight=weight)
 
 
-LABEL_GAP = 0.06
+BAR_LABEL_GAP = 0.06
 
 
 def earliness_figure(
@@ -90,7 +90,7 @@ def earliness_figure(
     """
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
-    heights = spread([accuracies[-1] for accuracies in series.values()], LABEL_GAP)
+    heights = spread([accuracies[-1] for accuracies in series.values()], BAR_LABEL_GAP)
     for place, ((name, accuracies), height) in enumerate(zip(series.items(), heights, strict=True)):
         last = place == len(series) - 1
         colour = COLOURS[place % len(COLOURS)]
@@ -136,7 +136,7 @@ def learning_figure(panels: Mapping[str, Panel], path: Path) -> Path:
 
 def _draw(axes: Axes, panel: Panel) -> None:
     numbers, series, ranges = panel
-    heights = spread([values[-1] for values in series.values()], LABEL_GAP)
+    heights = spread([values[-1] for values in series.values()], BAR_LABEL_GAP)
     for place, ((name, values), height) in enumerate(zip(series.items(), heights, strict=True)):
         last = place == len(series) - 1
         colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]

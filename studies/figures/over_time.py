@@ -99,7 +99,7 @@ def _name_lines(
 
 
 TRUE, RIGHT, WRONG, UNDECIDED = INK, COLOURS[2], COLOURS[1], "#999999"
-ROWS = 10
+ROWS_LIMIT = 10
 """Most movements shown: those performed or judged, then the most probable ones."""
 
 
@@ -151,7 +151,7 @@ def _rows(
     mentioned = {span.label for span in (*truth, *verdicts)}
     peak = belief.max(axis=0)
     ranked = sorted(labels, key=lambda label: (label not in mentioned, -peak[labels.index(label)]))
-    chosen = set(ranked[: max(ROWS, len(mentioned))])
+    chosen = set(ranked[: max(ROWS_LIMIT, len(mentioned))])
     return [label for label in labels if label in chosen]
 
 

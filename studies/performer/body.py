@@ -13,7 +13,7 @@ from observer.tracks import Floats
 Reach = tuple[float, float, float]
 """Position of a hand relative to its shoulder in arm lengths: outward (away from the middle), up, forward."""
 
-CHANNELS = 12
+MOTION_CHANNELS = 12
 """Numbers in a posture: right hand's reach, left hand's reach, step, side, drop, lean, twist, nod."""
 
 RIGHT, LEFT, TRUNK = slice(0, 3), slice(3, 6), slice(6, 12)

@@ -41,7 +41,7 @@ VIEWS = {"door": "door", "shelf": "yaw:15,pitch:15"}
 RATE_HZ, SIZE_PX, NOISE, MOST_BYTES = 15.0, (480, 360), 2.0, 50_000
 """Pictures per second, their size, the sensor's noise in grey levels, and the most bytes of a JPEG, which takes a third
 of them. In smaller pictures the tracker finds no face. Both cameras take 0.2 of a core."""
-REST_S = (2.0, 3.0)
+FILM_REST_S = (2.0, 3.0)
 """Between two movements of the recording."""
 ANOTHER_FOLDER = "cd"
 
@@ -122,7 +122,7 @@ def film(performer: LivePerformer, cameras: Sequence[Camera], stop: threading.Ev
 
 def performance(labels: Sequence[str]) -> Recording:
     """Each movement twice, with rest between."""
-    return perform_continuously(PERSON, list(labels) * 2, RATE_HZ, seed=1, rest_s=REST_S)
+    return perform_continuously(PERSON, list(labels) * 2, RATE_HZ, seed=1, rest_s=FILM_REST_S)
 
 
 def write_scene(folder: Path, shown: Recording) -> Path:

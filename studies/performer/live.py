@@ -12,7 +12,7 @@ from studies.performer.repertoire import KNOWN_PEOPLE, ORDINARY, Score
 
 REACTION_S = (0.2, 0.5)
 """A person begins this long after the signal; simple reactions to a light take from 0.2 s on."""
-BETWEEN_S = (0.5, 2.0)
+LIVE_BETWEEN_S = (0.5, 2.0)
 """Rest between two pieces of ordinary life: long enough to stand, short enough to be busy most of the time."""
 
 
@@ -61,4 +61,4 @@ class LivePerformer:
             self._posture = self._plan.end
         self._plan, self._begin_s = compose(score, self._person, self._posture, self._rng), now_s
         self._end_s = now_s + self._plan.duration
-        self._due_s = self._end_s + float(self._rng.uniform(*BETWEEN_S))
+        self._due_s = self._end_s + float(self._rng.uniform(*LIVE_BETWEEN_S))

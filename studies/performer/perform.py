@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.tracks import BODY_PARTS, Floats
-from studies.performer.body import CHANNELS, LEFT, RIGHT, Posture, assume
+from studies.performer.body import LEFT, MOTION_CHANNELS, RIGHT, Posture, assume
 from studies.performer.repertoire import KNOWN_PEOPLE, SCORES, Hold, Person, Score, Stroke, Swing
 
 MOVEMENTS: tuple[str, ...] = tuple(SCORES)
@@ -113,7 +113,7 @@ class MotionPlan:
 
     def displacement(self, time: Floats) -> Floats:
         """(T, 12) away from `begin` at (T,) seconds from the plan's start; before it 0, afterwards end - begin."""
-        return sum((part.displacement(time) for part in self.parts), np.zeros((len(time), CHANNELS)))
+        return sum((part.displacement(time) for part in self.parts), np.zeros((len(time), MOTION_CHANNELS)))
 
 
 def perform(
@@ -200,8 +200,8 @@ def _play(
 
 def idle(time: Floats, performer: Person, rng: np.random.Generator) -> Floats:
     """(T, 12) breathing and slow sway; every channel has its own frequency and phase."""
-    frequency = rng.uniform(*SWAY_HZ, size=CHANNELS)
-    phase_rad = rng.uniform(0.0, 2 * np.pi, size=CHANNELS)
+    frequency = rng.uniform(*SWAY_HZ, size=MOTION_CHANNELS)
+    phase_rad = rng.uniform(0.0, 2 * np.pi, size=MOTION_CHANNELS)
     idle: Floats = performer.sway * SWAY * np.sin(2 * np.pi * time[:, None] * frequency + phase_rad)
     breath = np.sin(2 * np.pi * (BREATH_HZ * performer.tempo * time + rng.random()))
     idle[:, 8] -= BREATH_DROP * breath
@@ -271,7 +271,7 @@ def _goal(posture: Posture, person: Person, size: float, begin: Floats, chance: 
     """(12,) the end of a stroke to `posture` in this trial, with habits, amplitude and variation."""
     rest = person.rest_posture
     away = posture.vector(rest) - rest
-    moving = np.zeros(CHANNELS)
+    moving = np.zeros(MOTION_CHANNELS)
     moving[RIGHT], moving[LEFT] = posture.right is not None, posture.left is not None
     away += moving * person.habits
     away[:6] += moving[:6] * chance.about(REACH_JITTER, 6)
@@ -283,8 +283,8 @@ def _swing(element: Swing, person: Person, size: float, start: float, tempo: flo
     cycles = element.cycles + person.more_cycles + float(chance.rng.choice(CYCLES_CHANGED))
     frequency = tempo / element.period
     phase_rad = float(chance.about(PHASE_JITTER_RAD)) + np.pi * (chance.rng.random() < FLIPPED)
-    still = np.zeros(CHANNELS)
-    weight = np.full(CHANNELS, person.waving * size * chance.factor(SWING_SIZE))
+    still = np.zeros(MOTION_CHANNELS)
+    weight = np.full(MOTION_CHANNELS, person.waving * size * chance.factor(SWING_SIZE))
     weight[LEFT] *= person.left_share
     sine, cosine, double = (weight * by.vector(still) for by in (element.sine, element.cosine, element.double))
     return TimedSwing(start, cycles / frequency, frequency, phase_rad, sine, cosine, double)

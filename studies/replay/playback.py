@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 FUSION_TIMEOUT_S = 10.0
 HUB_TIMEOUT_S = 1.0
 """How long to wait for a subscriber: a fusion service is required, a hub is not."""
-BURST = 64
+MESSAGES_AT_ONCE = 64
 BURST_PAUSE_S = 0.001
 """As fast as possible means this many messages at once: Zenoh drops messages under load."""
 VERDICTS_KEPT = 10
@@ -237,7 +237,7 @@ class _Player:
                 continue
             wait_s = (self._times.due_ns(record.arrived_ns) - time.time_ns()) / SECOND_NS
             if not self._options.speed:
-                wait_s = 0 if number % BURST else BURST_PAUSE_S
+                wait_s = 0 if number % MESSAGES_AT_ONCE else BURST_PAUSE_S
             if stop.wait(wait_s) if wait_s > 0 else stop.is_set():
                 break
             count += self._publish(record)

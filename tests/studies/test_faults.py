@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from observer.tracks import Frame, Tracks
-from studies.faults import FAULTS, LATE_S, ObserverOutputs, OccludedTracker, disturb, parse_fault
+from studies.faults import FAULT_DELAY_S, FAULTS, ObserverOutputs, OccludedTracker, disturb, parse_fault
 
 VIEWS = ("door", "wheel", "table")
 RATE = 5.0
@@ -80,7 +80,7 @@ def test_silent_is_the_prior_and_late_is_one_second_late():
     for then in disturb(before, VIEWS, {"door": "silent"}, RATE, 0):
         assert (then.p[:, 0] == 1 / M).all() and (then.facing[:, 0] == 1 / 2).all()
         assert np.isnan(then.unlearned[:, 0]).all() and np.isfinite(then.unlearned[:, 1:]).all()
-    delay = round(LATE_S * RATE)
+    delay = round(FAULT_DELAY_S * RATE)
     for own, then in zip(before, disturb(before, VIEWS, {"table": "late"}, RATE, 0), strict=True):
         assert (then.p[:delay, 2] == 1 / M).all() and (then.facing[:delay, 2] == 1 / 2).all()
         assert np.isnan(then.unlearned[:delay, 2]).all()

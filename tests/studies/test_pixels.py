@@ -8,7 +8,7 @@ from observer.motion.archive import resample
 from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
 from studies.evaluate import EvaluationSettings, evaluate
-from studies.from_pixels import RATE_HZ, Filming, evaluate_pixels, track_pictures
+from studies.from_pixels import PICTURE_RATE_HZ, Filming, evaluate_pixels, track_pictures
 from studies.performer import PEOPLE, perform
 from studies.trials import EvaluationTrial
 
@@ -20,7 +20,7 @@ LABELS = ("byebye", "stretch")
 def archive():
     whole = perform(PEOPLE[:3])
     chosen = [r for r in whole.recordings if r.label in LABELS and r.trial == whole.recordings[0].trial]
-    return type(whole)(whole.body_parts, tuple(resample(r, RATE_HZ) for r in chosen))
+    return type(whole)(whole.body_parts, tuple(resample(r, PICTURE_RATE_HZ) for r in chosen))
 
 
 def test_tracks_from_pictures_follow_the_recording(archive):

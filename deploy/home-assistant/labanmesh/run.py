@@ -31,7 +31,7 @@ from deploy.launcher import Job, Launcher
 SUPERVISOR = "http://supervisor"
 BROKER_TIMEOUT_S = 120.0
 """At the start of the machine the broker may come up after this app."""
-RETRY_S = 0.5
+SUPERVISOR_RETRY_S = 0.5
 PAGE = "0.0.0.0:8420"
 """The container's port, which config.yaml publishes; the page asks for a token."""
 ELSEWHERE = "elsewhere"
@@ -151,7 +151,7 @@ def _broker_service(supervisor: str, stop: threading.Event) -> Options:
             if not fault:
                 print("waiting for the MQTT broker: is the app Mosquitto broker installed and started?", flush=True)
             fault = _reason(error)
-        stop.wait(RETRY_S)
+        stop.wait(SUPERVISOR_RETRY_S)
     raise LabanmeshError(f"no MQTT broker: {fault}; install and start the app Mosquitto broker, or set mqtt_host")
 
 

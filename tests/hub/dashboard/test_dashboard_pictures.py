@@ -13,7 +13,7 @@ from common.picture_message import PictureMessage
 from common.wire import encode
 from hub.dashboard.access import AccessControl
 from hub.dashboard.application import application
-from hub.dashboard.pictures import LEASE_S, PictureAnswer, PictureRelay
+from hub.dashboard.pictures import VIEWER_LEASE_S, PictureAnswer, PictureRelay
 
 KEYS = SceneKeys("dojo")
 JPEG = b"\xff\xd8 a picture"
@@ -42,10 +42,10 @@ def test_an_observer_is_subscribed_to_while_somebody_asks(link):
     for payload in (b"nonsense", message(3, b"<svg onload=alert(1)>")):
         relay._watched["cam1"].inbox.put(KEYS.picture("cam1"), payload)
         assert relay.newest("cam1").captured_ns == 2, "what is no JPEG is not passed on"
-    now_s[0] = LEASE_S - 0.1
+    now_s[0] = VIEWER_LEASE_S - 0.1
     relay.end_unwatched()
     assert publisher.has_subscriber
-    now_s[0] = LEASE_S + 0.1
+    now_s[0] = VIEWER_LEASE_S + 0.1
     relay.end_unwatched()
     assert not publisher.has_subscriber
     assert relay.newest("cam1") == PictureAnswer("none yet"), "an old picture is not shown again"

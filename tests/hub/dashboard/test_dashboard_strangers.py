@@ -87,7 +87,7 @@ def test_idle_connections_neither_fill_the_page_nor_stay(monkeypatch):
 
 
 def test_without_descriptors_it_waits_before_it_accepts_again(monkeypatch, caplog):
-    monkeypatch.setattr(connections, "BACK_OFF_S", 0.01)
+    monkeypatch.setattr(connections, "ACCEPT_BACK_OFF_S", 0.01)
     attempts = []
 
     async def main():
