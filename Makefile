@@ -73,17 +73,17 @@ mqtt-tools:
 	@tests/hub/mqtt/install_mosquitto.sh
 
 peers: $(PEERS)/.ready   ## our observers beside MiniRocket and 1-NN DTW, cut out, with several sensors, in streams: the tables of docs/results/peers.md, written anew
-	@$(PEERS)/bin/python -m benchmarks.peers --page docs/results/peers.md
+	@$(PEERS)/bin/python -m benchmarks.comparisons.classifiers --page docs/results/peers.md
 
 test-peers: $(PEERS)/.ready   ## the tests of that comparison, also those that need aeon
 	@$(PEERS)/bin/pytest -q -n0 tests/test_peers.py tests/test_spotter.py
 
 peers-transport: $(TRANSPORTS)/.ready   ## ours beside MQTT, NATS and ZeroMQ: the table of docs/results/performance.md, written anew
-	@benchmarks/transports/install_brokers.sh
-	@$(TRANSPORTS)/bin/python -m benchmarks.transports --page docs/results/performance.md
+	@benchmarks/comparisons/transports/install_brokers.sh
+	@$(TRANSPORTS)/bin/python -m benchmarks.comparisons.transports --page docs/results/performance.md
 
 test-transports: $(TRANSPORTS)/.ready   ## the tests of that comparison, over every transport
-	@benchmarks/transports/install_brokers.sh
+	@benchmarks/comparisons/transports/install_brokers.sh
 	@LABANMESH_TRANSPORTS=1 $(TRANSPORTS)/bin/pytest -q -n0 tests/test_transports.py
 
 surface: $(VENV)/.ready  ## the public surface, written down anew: docs/reference/surface.txt and docs/reference/schema

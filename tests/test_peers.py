@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from benchmarks.command_line import run_command
-from benchmarks.peers import __main__ as commands
-from benchmarks.peers.comparison import (
+from benchmarks.comparisons.classifiers import __main__ as commands
+from benchmarks.comparisons.classifiers.comparison import (
     PEERS,
     PRODUCT,
     AccuracyCurve,
@@ -22,8 +22,15 @@ from benchmarks.peers.comparison import (
     seen_by_all,
     seen_by_some,
 )
-from benchmarks.peers.panels import bridge_gaps, channels, make_panel, relative, resample_rows, view_centres
-from benchmarks.peers.tables import accuracy_interval, as_json, as_markdown, peer_rows
+from benchmarks.comparisons.classifiers.panels import (
+    bridge_gaps,
+    channels,
+    make_panel,
+    relative,
+    resample_rows,
+    view_centres,
+)
+from benchmarks.comparisons.classifiers.tables import accuracy_interval, as_json, as_markdown, peer_rows
 from common.errors import BadInput
 from observer.geometry.views import View, parse_view
 from observer.model.rocket import MiniRocket, RocketParameters, choose_dilations
@@ -287,7 +294,7 @@ def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, plac
     monkeypatch.delenv("LABANMESH_DATA", raising=False)
     if place:
         monkeypatch.setenv("LABANMESH_DATA", str(tmp_path / place))
-    with pytest.raises(BadInput, match=r"LABANMESH_DATA.*benchmarks.peers ARCHIVE.npz$") as error:
+    with pytest.raises(BadInput, match=r"LABANMESH_DATA.*benchmarks.comparisons.classifiers ARCHIVE.npz$") as error:
         commands.peers()
     assert "\n" not in str(error.value)
 

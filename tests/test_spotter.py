@@ -5,10 +5,10 @@ import importlib.util
 import numpy as np
 import pytest
 
-from benchmarks.peers import spotter
-from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.spotter import answers_of, spot_streams, verdicts_of
-from benchmarks.peers.spotter_windows import (
+from benchmarks.comparisons.classifiers import spotter
+from benchmarks.comparisons.classifiers.comparison import PeerOptions
+from benchmarks.comparisons.classifiers.spotter import answers_of, spot_streams, verdicts_of
+from benchmarks.comparisons.classifiers.spotter_windows import (
     ELSEWHERE,
     JITTERED,
     LENGTHS,
@@ -18,7 +18,7 @@ from benchmarks.peers.spotter_windows import (
     is_elsewhere,
     window_lengths,
 )
-from benchmarks.peers.window_classifier import StreamProbabilities
+from benchmarks.comparisons.classifiers.window_classifier import StreamProbabilities
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span

@@ -13,11 +13,20 @@ import msgpack
 import pytest
 from processes import until
 
-from benchmarks.transports import clients, commands
-from benchmarks.transports.actors import ReceivedJudgement
-from benchmarks.transports.clients import KINDS, AvailableKinds, available
-from benchmarks.transports.commands import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown, over_rounds
-from benchmarks.transports.stage import LADDER_HZ, flooded, in_ms, judgement, latencies, names, paced, posteriors
+from benchmarks.comparisons.transports import clients, commands
+from benchmarks.comparisons.transports.actors import ReceivedJudgement
+from benchmarks.comparisons.transports.clients import KINDS, AvailableKinds, available
+from benchmarks.comparisons.transports.commands import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown, over_rounds
+from benchmarks.comparisons.transports.stage import (
+    LADDER_HZ,
+    flooded,
+    in_ms,
+    judgement,
+    latencies,
+    names,
+    paced,
+    posteriors,
+)
 from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
 
@@ -137,7 +146,7 @@ def test_every_posterior_at_60_hz_is_judged_over_each_transport(name):
 @pytest.mark.parametrize("name", KINDS)
 def test_as_fast_as_they_can_over_each_transport(name, monkeypatch):
     require(name)
-    monkeypatch.setattr("benchmarks.transports.stage.LADDER_HZ", (500.0,))
+    monkeypatch.setattr("benchmarks.comparisons.transports.stage.LADDER_HZ", (500.0,))
     measured = flooded(name, 2, 0.5)
     assert measured["whole_hz"] in (0.0, 500.0) and LADDER_HZ[0] > 500
     assert 0 < measured["arrived"] <= 1.0
@@ -165,7 +174,15 @@ def test_all_processes_end_with_the_conductor(name, end, tmp_path):
     require(name)
     mark = f"LABANMESH_MARK={uuid.uuid4()}"
     environment = os.environ | dict([mark.split("=")])
-    command = [sys.executable, "-m", "benchmarks.transports", "--only", name, "--json", str(tmp_path / "a.json")]
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.comparisons.transports",
+        "--only",
+        name,
+        "--json",
+        str(tmp_path / "a.json"),
+    ]
     with subprocess.Popen(
         command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as conductor:

@@ -18,8 +18,8 @@ from typing import Any
 
 import msgpack
 
-from benchmarks.transports.clients import EACH_POSTERIOR, JUDGEMENT, KINDS, Put, Role, posterior_key
-from benchmarks.transports.orders import OrderReader, PublishOrder
+from benchmarks.comparisons.transports.clients import EACH_POSTERIOR, JUDGEMENT, KINDS, Put, Role, posterior_key
+from benchmarks.comparisons.transports.orders import OrderReader, PublishOrder
 
 KEEP_ALIVE_S = 0.005
 KEEP_ALIVE_AFTER_S = 0.05

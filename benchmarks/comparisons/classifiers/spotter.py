@@ -12,8 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.window_classifier import SpotterPart, StreamProbabilities, judge_part, step_frames
+from benchmarks.comparisons.classifiers.comparison import PeerOptions
+from benchmarks.comparisons.classifiers.window_classifier import (
+    SpotterPart,
+    StreamProbabilities,
+    judge_part,
+    step_frames,
+)
 from common.errors import BadInput
 from common.parallel import run_parts
 from observer.motion.archive import MotionArchive, Recording, subjects_in

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.command_line import markdown_table
-from benchmarks.peers.comparison import PEERS, PRODUCT, PeerComparison
+from benchmarks.comparisons.classifiers.comparison import PEERS, PRODUCT, PeerComparison
 from observer.tracks import Floats
 from studies.trials import SUBSETS
 

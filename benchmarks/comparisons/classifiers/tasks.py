@@ -7,9 +7,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmarks.peers.comparison import PEERS, Peer, PeerOptions, compare_peers, seen_by_all, seen_by_some
-from benchmarks.peers.spotter import spot_streams
-from benchmarks.peers.tables import as_json, as_markdown, peer_rows, streams_as_markdown
+from benchmarks.comparisons.classifiers.comparison import (
+    PEERS,
+    Peer,
+    PeerOptions,
+    compare_peers,
+    seen_by_all,
+    seen_by_some,
+)
+from benchmarks.comparisons.classifiers.spotter import spot_streams
+from benchmarks.comparisons.classifiers.tables import as_json, as_markdown, peer_rows, streams_as_markdown
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, labels_of, subjects_in
 from observer.motion.archive_file import read_archive
@@ -233,5 +240,7 @@ def tasks_of(names: Sequence[str]) -> list[Task]:
         folder = TASKS[name][0]
         if not data or not (Path(data) / folder).is_dir():
             place = f"LABANMESH_DATA = {data!r} has no {folder}" if data else "LABANMESH_DATA is not set"
-            raise BadInput(f"no archive is named and {place}; set it, or: python -m benchmarks.peers ARCHIVE.npz")
+            raise BadInput(
+                f"no archive is named and {place}; set it, or: python -m benchmarks.comparisons.classifiers ARCHIVE.npz"
+            )
     return [TASKS[name][1](Path(data or "") / TASKS[name][0]) for name in names]

@@ -15,8 +15,8 @@ from typing import Annotated
 import typer
 
 from benchmarks.command_line import markdown_table, read_page, replace_table, run_command
-from benchmarks.transports.clients import KINDS, available, program
-from benchmarks.transports.stage import RunFigures, flooded, judgement, paced, posteriors, processors
+from benchmarks.comparisons.transports.clients import KINDS, available, program
+from benchmarks.comparisons.transports.stage import RunFigures, flooded, judgement, paced, posteriors, processors
 from common.progress import ProgressBar
 from common.text import one_of, plural, split_list
 from studies.output_files import make_folder, write_text
@@ -120,7 +120,7 @@ def transports(
 ) -> None:
     """Compare the transports with the same traffic.
 
-    Example: python -m benchmarks.transports --only ours,zenoh --rounds 1
+    Example: python -m benchmarks.comparisons.transports --only ours,zenoh --rounds 1
     """
     text = read_page(page, BEGIN, END)
     kinds = available([one_of("--only", name, list(KINDS)) for name in split_list("--only", only)])

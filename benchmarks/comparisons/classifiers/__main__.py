@@ -1,4 +1,4 @@
-"""`python -m benchmarks.peers`: our observers beside offline classifiers on the same tracks, as tables."""
+"""Our observers beside offline classifiers on the same tracks: `python -m benchmarks.comparisons.classifiers`."""
 
 import importlib.util
 import json as json_text
@@ -11,8 +11,17 @@ from typing import Annotated
 import typer
 
 from benchmarks.command_line import read_page, replace_table, run_command
-from benchmarks.peers.comparison import PEERS, PeerOptions
-from benchmarks.peers.tasks import TASKS, VIEWS, AccuracyTask, StreamTask, Table, Task, sets_of, tasks_of
+from benchmarks.comparisons.classifiers.comparison import PEERS, PeerOptions
+from benchmarks.comparisons.classifiers.tasks import (
+    TASKS,
+    VIEWS,
+    AccuracyTask,
+    StreamTask,
+    Table,
+    Task,
+    sets_of,
+    tasks_of,
+)
 from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
 from common.parallel import cores
@@ -72,13 +81,13 @@ class PeersOptions:
 def peers(options: PeersOptions) -> None:
     """Compare our observers with MiniRocket and 1-NN DTW, which know the segment and relearn for every fraction.
 
-    Example: python -m benchmarks.peers msr.npz --views door,wheel --labels AS1
+    Example: python -m benchmarks.comparisons.classifiers msr.npz --views door,wheel --labels AS1
 
-    Example: python -m benchmarks.peers florence.npz --leave-one-subject-out
+    Example: python -m benchmarks.comparisons.classifiers florence.npz --leave-one-subject-out
 
-    Example: python -m benchmarks.peers --sensor left=a.npz --sensor right=b.npz --leave-one-subject-out
+    Example: python -m benchmarks.comparisons.classifiers --sensor left=a.npz --sensor right=b.npz
 
-    Example: python -m benchmarks.peers karate.npz --stream --leave-one-subject-out
+    Example: python -m benchmarks.comparisons.classifiers karate.npz --stream --leave-one-subject-out
     """
     text = _page_text(options)
     with ProgressBar("reading the recordings"):

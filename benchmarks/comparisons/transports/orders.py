@@ -22,8 +22,8 @@ from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from benchmarks.comparisons.transports.clients import program
 from benchmarks.timing import cpu_seconds, free_port
-from benchmarks.transports.clients import program
 from common.errors import LabanmeshError
 
 TIMEOUT_S = 30.0

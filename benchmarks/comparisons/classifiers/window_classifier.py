@@ -7,9 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.panels import body_sizes, bridge_gaps, from_first_anchor, resample_rows, view_centres
-from benchmarks.peers.spotter_windows import LENGTHS, SHORTEST, choose_windows, window_lengths
+from benchmarks.comparisons.classifiers.comparison import PeerOptions
+from benchmarks.comparisons.classifiers.panels import (
+    body_sizes,
+    bridge_gaps,
+    from_first_anchor,
+    resample_rows,
+    view_centres,
+)
+from benchmarks.comparisons.classifiers.spotter_windows import LENGTHS, SHORTEST, choose_windows, window_lengths
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.tracks import Floats

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.panels import Panel, make_panel, view_centres
+from benchmarks.comparisons.classifiers.panels import Panel, make_panel, view_centres
 from common.parallel import run_parts
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive

@@ -12,10 +12,17 @@ from dataclasses import dataclass
 from functools import cache
 from statistics import median, quantiles
 
+from benchmarks.comparisons.transports.actors import (
+    ActorRole,
+    ListenerReport,
+    PublisherReport,
+    Ready,
+    ReceivedJudgement,
+    act,
+)
+from benchmarks.comparisons.transports.clients import KINDS
+from benchmarks.comparisons.transports.orders import TIMEOUT_S, Actor, PublishOrder, Tally, keep_broker
 from benchmarks.posteriors import engine_of, message, random_posteriors, scene_of
-from benchmarks.transports.actors import ActorRole, ListenerReport, PublisherReport, Ready, ReceivedJudgement, act
-from benchmarks.transports.clients import KINDS
-from benchmarks.transports.orders import TIMEOUT_S, Actor, PublishOrder, Tally, keep_broker
 from common.errors import LabanmeshError
 from common.wire import encode
 

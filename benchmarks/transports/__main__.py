@@ -1,8 +1,0 @@
-"""`python -m benchmarks.transports`: see commands.py. Empty but for this, because every process of a run imports it."""
-
-if __name__ == "__main__":
-    import sys
-
-    from benchmarks.transports.commands import main
-
-    sys.exit(main())
