@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from common.address import Address
-from common.command_options import LONGEST_S
+from common.command_options import ForSeconds
 from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
@@ -39,10 +39,7 @@ PORT_RETRY_S = 0.1
 
 def up(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML).")],
-    for_s: Annotated[
-        float | None,
-        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End by itself after this time."),
-    ] = None,
+    for_s: ForSeconds = None,
     exit_when_done: Annotated[
         bool, typer.Option("--exit-when-done", help="End when all recordings have been played.")
     ] = False,

@@ -17,7 +17,7 @@ import typer
 
 from common import SECOND_NS
 from common.capture_record import APPEARED, GONE, CaptureKind, CaptureRecord
-from common.command_options import LONGEST_S
+from common.command_options import ForSeconds
 from common.config import Scene, read_scene
 from common.link import Link
 from common.text import plural
@@ -42,10 +42,7 @@ BYTES_PER_MB = 1_000_000
 def capture(
     scene: Annotated[Path, typer.Argument(help="The scene file, as given to observe and fuse.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="The file to write (.mcap); a new one.")],
-    for_s: Annotated[
-        float | None,
-        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds."),
-    ] = None,
+    for_s: ForSeconds = None,
 ) -> None:
     """Write everything published in a scene, with its times, to a file for `labanmesh replay`. Ctrl-C ends it.
 

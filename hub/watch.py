@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.live import Live
 
 from common import SECOND_NS
-from common.command_options import LONGEST_S
+from common.command_options import ForSeconds
 from common.config import read_scene
 from common.fall_messages import FallMessage
 from common.lifecycle import stop_on_signals
@@ -42,10 +42,7 @@ BEGIN_FRAME, END_FRAME = "\x1b[?2026h", "\x1b[?2026l"
 def watch(
     scene: Annotated[Path, typer.Argument(help="The scene file, as given to observe and fuse.")],
     as_json: Annotated[bool, typer.Option("--json", help="Each judgement and verdict as a line of JSON.")] = False,
-    for_s: Annotated[
-        float | None,
-        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds."),
-    ] = None,
+    for_s: ForSeconds = None,
 ) -> None:
     """Live view of a scene: each observer's posterior and weight, the fused posterior, and the verdicts.
 

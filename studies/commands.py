@@ -96,7 +96,6 @@ def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "Evalu
         faults=dict(parse_fault(text, [view.name for view in archives.views]) for text in options.fault or []),
         body_parts=archives.body_parts,
         onset_known=one_of("--onset", options.onset, ("known", "unknown")) == "known",
-        temperature=options.temperature,
         calibrated=not options.uncalibrated,
         unlearned=unlearned,
         background=background,

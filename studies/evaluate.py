@@ -172,9 +172,7 @@ def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> 
 def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
     rule, prior = get_rule(settings.rule, "--rule"), uniform(result.views.shape[2])
     trusts = _steady_trusts(result)
-    cases = [
-        PoolingCase(rule, _votes(result, n, trusts[n]), prior, settings.temperature) for n in range(len(result.views))
-    ]
+    cases = [PoolingCase(rule, _votes(result, n, trusts[n]), prior) for n in range(len(result.views))]
     pools = pool_many(cases)
     facing = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
     word = None
@@ -187,9 +185,9 @@ def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
 
 
 def fusion_of(settings: EvaluationSettings) -> FusionConfig:
-    """The fusion service that judges: the settings' rule and temperature, otherwise as by default."""
+    """The fusion service that judges: the settings' rule, otherwise as by default."""
     quorum = default_quorum(len(settings.views))
-    return FusionConfig(rule=settings.rule, temperature=settings.temperature, quorum=quorum)
+    return FusionConfig(rule=settings.rule, quorum=quorum)
 
 
 def _steady_trusts(result: TrialResult) -> Floats:

@@ -65,9 +65,6 @@ class EvaluateOptions:
     facings: Annotated[
         int, typer.Option(min=0, max=72, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
     ] = 0
-    temperature: Annotated[
-        float, typer.Option(min=0.1, max=1e3, help="Of the fused posterior: [fusion] temperature.")
-    ] = 1.0
     uncalibrated: Annotated[
         bool, typer.Option("--uncalibrated", help="Observers do not scale their certainty by how often they are right.")
     ] = False

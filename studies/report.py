@@ -51,7 +51,6 @@ def as_json(result: EvaluationResult) -> dict[str, Any]:
         "turn": "random" if settings.turn is None else settings.turn,
         "faults": dict(settings.faults),
         "room": [f"{event.kind}={event.number:g}" for event in settings.room],
-        "temperature": settings.temperature,
         "calibrated": settings.calibrated,
         "facing": _facing_errors(result),
         "seed": settings.seed,

@@ -21,7 +21,7 @@ Progress = Callable[[str, int, int], None]
 class EvaluationSettings:
     """What to evaluate; the fields are the options of the command. turn: degrees, or None for a random facing.
 
-    temperature: of the fused posterior. calibrated: observers scale their certainty by how often they are right.
+    calibrated: observers scale their certainty by how often they are right.
     unlearned: movements that streams show without their having been learned. background: movements of the training
     people that the models know as "something else"; empty: blends of the learned ones only; None: no such class.
     room: what the person does before each trial; observers then do not know the onset. sensors: for each view its own
@@ -42,7 +42,6 @@ class EvaluationSettings:
     faults: Mapping[str, str] = field(default_factory=dict)
     body_parts: tuple[str, ...] = ()
     onset_known: bool = True
-    temperature: float = 1.0
     calibrated: bool = True
     unlearned: tuple[str, ...] = ()
     background: tuple[str, ...] | None = None

@@ -14,7 +14,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from common.command_options import LONGEST_S
+from common.command_options import ForSeconds
 from common.config import Scene, read_scene
 from common.errors import BadInput
 from common.lifecycle import stop_on_signals
@@ -37,10 +37,7 @@ def count(
     target: Annotated[int, typer.Option(min=0, max=100_000, help="Repetitions of one set; 0: no target.")] = 0,
     once: Annotated[bool, typer.Option("--once", help="End when the target is reached.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Each count and each target as a line of JSON.")] = False,
-    for_s: Annotated[
-        float | None,
-        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds."),
-    ] = None,
+    for_s: ForSeconds = None,
 ) -> None:
     """Count how often a movement is done, from now on: live, with the partial repetitions, and a bell at the target.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.address import ANY_HOST, Address
-from common.command_options import LONGEST_S
+from common.command_options import ForSeconds
 from common.config import read_scene
 from common.errors import BadInput
 from common.tracker_choice import PHONE
@@ -42,10 +42,7 @@ def dashboard(
     teach: Annotated[
         bool, typer.Option("--teach", help="Whoever has the token may also teach, at /teach; made if there is none.")
     ] = False,
-    for_s: Annotated[
-        float | None,
-        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds."),
-    ] = None,
+    for_s: ForSeconds = None,
 ) -> None:
     """The scene as one page in the browser: the judges on the tatami, the verdicts, and why. Ctrl-C ends it.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.address import ANY_HOST, Address
-from common.command_options import LONGEST_S
+from common.command_options import ForSeconds
 from common.config import read_scene
 from common.errors import BadInput
 from common.tracker_choice import PHONE
@@ -39,10 +39,7 @@ def phone(
     source: Annotated[
         Path | None, typer.Option("--from", metavar="FOLDER", help="With --fetch: the packages from here, not npm.")
     ] = None,
-    for_s: Annotated[
-        float | None,
-        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds."),
-    ] = None,
+    for_s: ForSeconds = None,
 ) -> None:
     """A phone is an observer's camera: it scans a code, its browser finds the body, and only tracks leave it.
 
