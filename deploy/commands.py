@@ -87,7 +87,7 @@ def up(
 
 @contextmanager
 def _set_after(seconds: float | None, stop: threading.Event) -> Iterator[None]:
-    """Set `stop` when the block has run for so long; None: never."""
+    """Set `stop` after so many seconds in the block; None: never."""
     timer = threading.Timer(seconds or 0, stop.set)
     timer.daemon = True
     if seconds is not None:
@@ -112,7 +112,7 @@ class ScenePort:
     parts: EndpointParts
 
     def fault(self) -> str:
-        """Why no process of this user can listen there now, one line with the way out; "" where one can."""
+        """Why this user cannot listen there now: one line with the way out; "" if they can."""
         local, unusable = try_to_listen(self.parts)
         setting = f"{self.key} = {self.address!r}"
         if not local:
@@ -151,7 +151,7 @@ def _ports(scene: Scene, processes: int) -> Iterator[ScenePort]:
 
 
 def _memory(scene: Scene, folder: Path) -> dict[str, str]:
-    """A fusion service that is restarted continues its movement. The folder lasts as long as the launcher."""
+    """The environment by which a restarted fusion service continues its movement. The folder ends with the launcher."""
     return {} if scene.fusion.memory is not None else {"LABANMESH_FUSION_MEMORY": str(folder)}
 
 
@@ -181,7 +181,7 @@ def _hub_words(name: str) -> tuple[str, ...]:
 
 
 def with_ports(jobs: Sequence[Job], listen: str) -> list[Job]:
-    """The same jobs, each with a port of its own for /metrics: the first has that of `listen`, "": none has any."""
+    """The jobs with a port each for /metrics, counted up from the port of `listen`; without ports if `listen` is ""."""
     if not listen:
         return list(jobs)
     first = Address.parse(listen, "metrics.listen")

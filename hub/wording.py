@@ -222,7 +222,7 @@ def early_line(word: EarlyWord) -> str:
 
 
 def undecided(judgement: JudgementMessage) -> str:
-    """Why the movement in progress has no verdict yet, `undecided: wave 59 % of the 60 % needed`; empty otherwise."""
+    """Why the movement in progress has no verdict yet: `undecided: wave 59 % of the 60 % needed`; "" if it has one."""
     return f"undecided: {printable(judgement.why)}" if judgement.why else ""
 
 

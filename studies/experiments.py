@@ -24,7 +24,7 @@ MOVEMENTS = ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", 
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """One table as printed: `counts` with rows true, columns judged, and the printed sums and rate."""
+    """One table of the paper, as printed. counts: a row for each true movement, a column for each judged one."""
 
     title: str
     counts: tuple[tuple[int, ...], ...]

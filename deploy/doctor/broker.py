@@ -1,6 +1,6 @@
 """The MQTT broker of the scene file, `[hub.mqtt]`, through which Home Assistant receives the scene.
 
-Nothing is said of it where the scene file neither starts the hub nor names a broker. `check_broker` is pure.
+A scene file that neither starts the hub nor names a broker has no findings here. `check_broker` is pure.
 """
 
 from collections.abc import Iterator

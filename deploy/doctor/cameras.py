@@ -1,6 +1,6 @@
 """Cameras: presence, permissions, and test pictures.
 
-No camera is opened but for `--cameras`, and then in a process of its own. The checks at the end are pure.
+Only `--cameras` opens cameras, each in a process of its own. The checks at the end are pure.
 """
 
 import grp
@@ -78,13 +78,13 @@ class ObserverCamera:
 
 
 def webcams(devices: Path = DEVICES, names: Path = NAMES) -> list[Webcam]:
-    """The cameras of this machine in the order of their numbers; a device's second node, for metadata, left out."""
+    """The cameras of this machine, by number, without the second node of a device, which carries metadata."""
     places = sorted(devices.glob("video[0-9]*"), key=lambda place: (len(place.name), place.name))
     return [_webcam(place, names) for place in places if _read(names / place.name / "index") in ("", "0")]
 
 
 def observer_cameras(scene: Scene, observers: Sequence[str], *, test: bool) -> list[ObserverCamera]:
-    """The cameras of those of the observers that have one, in the scene's order; `test`: take pictures with them."""
+    """The cameras of the observers, in the scene's order, without observers that have none. test: take pictures."""
     cameras = [ObserverCamera(name, camera) for name in observers for camera in _cameras(scene, name)]
     if not test or not cameras:
         return cameras
@@ -95,7 +95,7 @@ def observer_cameras(scene: Scene, observers: Sequence[str], *, test: bool) -> l
 
 
 def _may_work(each: ObserverCamera) -> bool:
-    """Whether a test is worth its time: a camera that is known to be away is not waited for."""
+    """Whether to test the camera: one that is known to be absent is skipped, because a test would wait for it."""
     camera = each.camera
     return not camera.fault if isinstance(camera, NetworkCamera) else camera.access in ("readable", "unknown")
 

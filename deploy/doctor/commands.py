@@ -1,4 +1,4 @@
-"""The verb `labanmesh doctor`: checks everything at once, and reports each fault with its mend."""
+"""The verb `labanmesh doctor`: runs all checks at once, and reports each fault with its remedy."""
 
 import os
 import re
@@ -79,7 +79,7 @@ def doctor(
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check that gives findings. group: where it is reported that it broke or hung. limit_s: its time limit."""
+    """One check, which returns findings. group: the heading under which a failure of the check itself is reported."""
 
     group: Group
     limit_s: float
@@ -89,7 +89,7 @@ class Check:
 def run_checks(checks: Sequence[Check]) -> list[Finding]:
     """The findings of all checks, in their order. They run at once, each in a thread.
 
-    A check that breaks or hangs is a finding itself: the doctor always answers.
+    A check that fails or exceeds its limit_s becomes a finding, so the doctor always answers.
     """
     began_s = time.monotonic()
     running = [_RunningCheck(check) for check in checks]
@@ -97,7 +97,7 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
 
 
 class _RunningCheck:
-    """A check that runs. Its thread is a daemon: one that hangs does not keep the process."""
+    """A check in a daemon thread, so that a check that hangs does not keep the process alive."""
 
     def __init__(self, check: Check) -> None:
         self._check = check

@@ -46,7 +46,7 @@ def ok(group: Group, what: str) -> Finding:
 
 
 def hint(group: Group, what: str, to_do: str) -> Finding:
-    """All is well; the user may want more."""
+    """Everything works; there is something that the user may also want."""
     return Finding(group, "hint", what, to_do)
 
 

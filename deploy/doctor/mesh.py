@@ -103,7 +103,7 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
 
 
 def _connectable(mesh: MeshConfig) -> MeshConfig:
-    """Every interface is listened on, not connected to."""
+    """The mesh with the loopback address for an endpoint that means every interface."""
     return mesh.at(mesh.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"))
 
 

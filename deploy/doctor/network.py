@@ -157,7 +157,7 @@ def _listening_inodes(port: int) -> Iterator[str]:
 
 
 def _resolve(host: str, limit_s: float = CONNECT_S) -> tuple[tuple[str, ...], str]:
-    """The addresses of a name, or why there are none; the system's resolver may take minutes, this does not."""
+    """The addresses of a name, or why there are none, within a time limit: the system's resolver may take minutes."""
     answers: queue.SimpleQueue[tuple[tuple[str, ...], str]] = queue.SimpleQueue()
 
     def ask() -> None:
@@ -199,7 +199,7 @@ def is_free(facts: NetworkFacts) -> bool:
 
 
 def exposure(endpoint: str) -> str:
-    """What strangers may do where processes meet at `endpoint` without certificates; "" where none reaches it."""
+    """What strangers can do at `endpoint` without certificates; "" if only this machine reaches it."""
     parts = EndpointParts.of(endpoint)
     if parts.protocol in SECURE or not parts.host or LOOPBACK.match(parts.host):
         return ""
@@ -228,7 +228,7 @@ def _reachability(facts: NetworkFacts) -> Finding:
 
 
 def _taken(facts: NetworkFacts) -> Finding:
-    """A process listens there, and does not answer as Zenoh does."""
+    """The finding on an endpoint where something listens and does not answer as Zenoh does."""
     endpoint = facts.mesh.endpoint
     if EndpointParts.of(endpoint).protocol in SECURE:
         return ok(GROUP, f"{endpoint}: can be reached; see security for whether it admits this machine")

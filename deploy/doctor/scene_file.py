@@ -43,7 +43,7 @@ ELSEWHERE = "if it runs on another machine, name this one's: --observers ID,ID (
 
 
 class MissingSceneFile(BadInput):
-    """The scene file on the command line is not there: bad input, and no finding."""
+    """The scene file named on the command line does not exist. It is bad input, not a finding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def _taught_folder(scene: Scene, observer: str) -> FolderFacts:
 
 
 def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, PreflightReport], str]:
-    """The reports that came in time, by observer, and why some did not. A process of its own may import the room."""
+    """The reports that arrived in time, by observer, and why others did not. A process of its own makes them."""
     if not observers:
         return {}, ""
     command = [sys.executable, "-P", "-m", "observer.runtime.preflight", str(path), *observers]

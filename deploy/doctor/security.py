@@ -50,7 +50,7 @@ def security_facts(network: NetworkFacts) -> SecurityFacts:
 
 
 def listener_for(scene: Scene) -> Listener:
-    """A hub if the certificate allows it, else fusion. Without credentials every process may be a hub."""
+    """Hub if the certificate allows it, else fusion. Without credentials any process can be a hub."""
     certificate = _certificate(scene.mesh)
     if certificate is None or certificate.is_for("hub", scene=scene.scene):
         return Listener("hub")

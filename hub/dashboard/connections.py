@@ -35,7 +35,7 @@ full backlog of 128 is accepted within a third of a second."""
 
 
 class OpenConnection(Protocol):
-    """A connection of a browser; `idle`: nothing has been asked on it that is not answered yet."""
+    """A browser's connection. idle: every request on it has been answered."""
 
     @property
     def idle(self) -> bool:

@@ -1,4 +1,4 @@
-"""The day page, and the history as JSON: who may read the other pages may read these, if the certificate allows it."""
+"""The day page, and the history as JSON, for everybody who may read the other pages, if the certificate allows it."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping

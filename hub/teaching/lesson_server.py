@@ -251,7 +251,7 @@ class LessonServer:
         return answers
 
     def _look(self) -> None:
-        """Ask the observers how they stand while somebody looks, or a lesson waits, which stays their teacher so."""
+        """Ask the observers for their state while a page is open or a lesson waits: it stays their teacher."""
         while not self._closed.is_set():
             lesson = self._lesson
             idle_s = self._clock() - self._looked_s
@@ -267,7 +267,7 @@ class LessonServer:
             self._closed.wait(LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:
-        """Remember the replies; those of processes that have ended are forgotten."""
+        """Keep the replies of observers that are alive."""
         alive = self._alive()
         with self._lock:
             replies = {name: each for name, each in {**self._replies, **answers.replies}.items() if name in alive}

@@ -1,4 +1,4 @@
-"""`labanmesh teach --was` and `--earlier`, `labanmesh forget`: what the observers of a scene have is put right."""
+"""`labanmesh teach --was`, `--earlier` and `labanmesh forget`: correct, restore and delete what observers remember."""
 
 import secrets
 import sys
@@ -158,7 +158,7 @@ def forget(
 
 
 def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":
-    """The scene once its last verdicts have arrived."""
+    """The state of the scene after its last verdicts have arrived."""
     begun_s = interface.now_s()
     while not listener.ready and interface.now_s() - begun_s < OBSERVERS_READY_S:
         listener.check()
@@ -167,7 +167,7 @@ def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "Sc
 
 
 def _fusion_time(state: "SceneState") -> datetime:
-    """Local time by the clock of the fusion service; by this machine's if it says none."""
+    """The local time by the clock of the fusion service, or by this machine's clock if the service gives none."""
     from hub.teaching.moments import fusion_ns
 
     return datetime.fromtimestamp(fusion_ns(state, time.time_ns()) / SECOND_NS, UTC).astimezone()

@@ -43,7 +43,7 @@ PRESSED = "somebody else has just pressed something else"
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A line that the lesson said, and in which kind of step."""
+    """A line of the lesson, and the kind of step in which it was written."""
 
     text: str
     kind: StepKind
@@ -87,7 +87,7 @@ class PageInterface:
         return time.monotonic()
 
     def pause(self, seconds: float) -> None:
-        """Let time pass; raises KeyboardInterrupt once the lesson has been ended."""
+        """Wait; raises KeyboardInterrupt after `end`."""
         self._wait(lambda: False, seconds)
 
     def say(self, line: str) -> None:
@@ -101,7 +101,7 @@ class PageInterface:
         self._set(replace(self._shown, step=step, waits=False, number=self._shown.number + (step != self._shown.step)))
 
     def between(self, step: Step, seconds: float) -> Action:
-        """What is pressed within so many seconds, or was pressed during the take; GO for nothing."""
+        """The action pressed within so many seconds or during the take; GO if none was."""
         self.show(step)
         self._wait(lambda: bool(self._pressed), seconds)
         with self._condition:
@@ -119,7 +119,7 @@ class PageInterface:
         return action
 
     def press(self, number: int, action: Action) -> None:
-        """Somebody presses, who saw the step with that number; raises BadInput, one line, if it cannot be done."""
+        """Take the action of a person who saw step `number`; raises BadInput, one line, if it does not fit."""
         with self._condition:
             if (number, action) == self._last:
                 return  # the same press of two people, or of one with a bad connection

@@ -37,7 +37,7 @@ class WantedCorrections:
 
 @dataclass(frozen=True, slots=True)
 class MissedExample:
-    """What was cut out for a movement that was missed: the number of the take on each observer that has one."""
+    """The example cut out for a missed movement: the number of its take on each observer that has one."""
 
     label: str
     takes: Mapping[str, int]
@@ -97,7 +97,7 @@ def learn_from(participants: Participants, task: MemoryTask, examples: list[Miss
 
 
 def _let_choose(participants: Participants, examples: list[MissedExample]) -> None:
-    """Wait until somebody goes on; those that are dropped leave the observers' disks and `examples`."""
+    """Wait until somebody continues. Examples that they drop are deleted, also from the observers' disks."""
     try:
         while examples:
             action = participants.interface.ready(Step("examples", number=len(examples)))
@@ -120,7 +120,7 @@ def _drop(participants: Participants, example: MissedExample) -> None:
 
 
 def _corrected(participants: Participants, correction: Correction, task: MemoryTask) -> Mapping[str, int]:
-    """How many examples each observer has made of it; one that nobody remembers costs only itself."""
+    """The number of examples that each observer made; a moment that no observer remembers gives none."""
     try:
         return correct(participants, [correction], task.offsets, task.person)
     except BadInput:

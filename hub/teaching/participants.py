@@ -18,7 +18,7 @@ Ask = Callable[[TeachRequest, Collection[str]], Answers]
 
 @dataclass(slots=True)
 class Participants:
-    """Those that are taught.
+    """The observers that are taught.
 
     teacher: the id of this lesson's teacher. ask: sends a request to these observers. observers: those that take part
     now; taught: all that have begun. labels: the new vocabulary; add: with the takes of earlier ones.
@@ -36,7 +36,7 @@ class Participants:
     """Observers whose cameras deliver nothing."""
 
     def request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
-        """Ask all that take part; one that does not answer is left out until it does.
+        """Ask all participants. An observer that does not answer is left out until it answers again.
 
         Raises LabanmeshError if none answers for RETURN_S.
         """
@@ -66,7 +66,7 @@ class Participants:
                 self.blind.discard(name)
 
     def check(self) -> Mapping[str, TeachReply]:
-        """The answers of those that can say which takes contradict each other."""
+        """The replies of observers that can name contradicting takes."""
         replies = self.ask(self._made("check", labels=self.labels), self.observers).replies
         return {name: reply for name, reply in replies.items() if not reply.fault}
 
@@ -79,7 +79,10 @@ class Participants:
         return self.ask(self._made(command, **fields), [observer])
 
     def start(self, labels: list[str]) -> Mapping[str, TeachReply]:
-        """Begin with this vocabulary; the replies of those that can be taught. Raises LabanmeshError if none can."""
+        """Start teaching this vocabulary; returns the replies of the observers that can be taught.
+
+        Raises LabanmeshError if none can.
+        """
         self.labels = labels
         begun_s = self.interface.now_s()
         started = self.request("start", labels=labels, add=self.add)
@@ -94,7 +97,7 @@ class Participants:
         return {name: started[name] for name in self.observers}
 
     def take_back(self) -> None:
-        """Observers that were away, and answer again, go on with the others."""
+        """Readmit observers that answer again."""
         away = [name for name in self.taught if name not in self.observers]
         if away:
             again = self._made("start", labels=self.labels, add=self.add)
@@ -111,7 +114,7 @@ class Participants:
             raise BadInput(f"{command}: {fault['loc'][0]} = {str(fault['input'])[:64]!r}: {fault['msg']}") from None
 
     def _wait_for_return(self) -> None:
-        """No observer answers: one that is started again, as `labanmesh up` does, goes on."""
+        """Wait until an observer answers again, as after a restart by `labanmesh up`."""
         begun_s = self.interface.now_s()
         while self.taught and self.interface.now_s() - begun_s < RETURN_S:
             self.interface.pause(1.0)

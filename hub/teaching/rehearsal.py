@@ -70,7 +70,7 @@ class Rehearsal:
 
 
 class RehearsalTerminal(Terminal):
-    """A terminal whose screen the performer reads."""
+    """A terminal that also tells the performer what is shown."""
 
     def __init__(
         self, rehearsal: Rehearsal, stop: "Event", listener: "SceneListener", keyboard: bool, beeps: bool
@@ -79,7 +79,7 @@ class RehearsalTerminal(Terminal):
         self._rehearsal, self._asked = rehearsal, ""
 
     def show(self, step: Step) -> None:
-        """What a lesson shows, and to the performer what it asks for."""
+        """Show a step, and ask the performer for what it wants."""
         super().show(step)
         asks = {"now": f"act {step.label}", "other": "live", "alarms": "live"}.get(step.kind, "rest")
         if step.kind == "now" or asks != self._asked:

@@ -10,7 +10,7 @@ from hub.wording import calendar_time
 
 
 def list_earlier(participants: Participants, file: str) -> None:
-    """Say which takes were set aside, the newest first. file: the scene file, for the next command."""
+    """Print the takes that were set aside, newest first. file: the scene file, for the command that restores them."""
     say = participants.interface.say
     lines = earlier_lines({name: reply.earlier for name, reply in participants.request("earlier").items()})
     for line in lines or ["no takes were set aside"]:

@@ -1,4 +1,4 @@
-"""The end of a lesson: each movement once more, and something else; what the fusion service says to it."""
+"""The test at the end of a lesson: the verdicts on each movement, done once more, and on something else."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -36,7 +36,7 @@ def self_test(
 
 
 def next_verdict(interface: LessonInterface) -> str:
-    """The label that is decided within TEST_LIMIT_S from now; "": none is."""
+    """The label of the first verdict within TEST_LIMIT_S; "" if there is none."""
     interface.verdicts()
     begun_s, decided = interface.now_s(), ""
     while not decided and interface.now_s() - begun_s < TEST_LIMIT_S:
@@ -46,7 +46,7 @@ def next_verdict(interface: LessonInterface) -> str:
 
 
 def _false_alarms(interface: LessonInterface, alarm_s: float) -> tuple[int, float]:
-    """How many verdicts named a movement while nobody did any, and in how many seconds."""
+    """The number of verdicts that named a movement while nobody did one, and the seconds watched."""
     interface.say(
         f"now {alarm_s / 60:.1f} minutes of anything but the movements: each verdict is a false alarm (s: skip)"
     )

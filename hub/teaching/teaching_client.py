@@ -1,4 +1,4 @@
-"""All observers of a scene as a teacher asks them: one request to each at once, and their replies."""
+"""A teacher's requests to all observers of a scene at once, and their replies."""
 
 import threading
 import time
@@ -77,7 +77,7 @@ def find_observers(scene: "Scene", link: "Link", stop: threading.Event) -> "Pres
 
 
 def presence_of(scene: "Scene", link: "Link") -> "Presence":
-    """Which observers of the scene file are alive, from now on."""
+    """The observers of the scene file that are alive, kept up to date."""
     return link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
 
 

@@ -54,7 +54,7 @@ class Terminal:
         print(self._cleared() + (line if self._keyboard else without_keys(line)), flush=True)
 
     def show(self, step: Step) -> None:
-        """What changes, a signal in large letters; elsewhere than on a terminal only the signal to begin."""
+        """Show a step, a signal in large letters. Without a terminal print only the signal to begin."""
         line, is_new = step_line(step), step.kind != self._kind
         self._kind = step.kind
         if is_new and step.kind == "waiting":
@@ -83,7 +83,7 @@ class Terminal:
         return {REPEAT: Action("repeat"), DROP: Action("drop")}.get(key, GO)
 
     def ready(self, step: Step) -> Action:
-        """Whoever performs is away from the keyboard: the lesson goes on."""
+        """Go on at once: the performer is away from the keyboard."""
         return GO
 
     def fused_labels(self) -> Sequence[str]:
@@ -96,7 +96,7 @@ class Terminal:
         return newly_decided(self._listener.verdicts)
 
     def _cleared(self) -> str:
-        """What removes the part that changes."""
+        """The control characters that erase the part that changes."""
         if not self._changing:
             return ""
         up, self._shown = max(self._shown - 1, 0), 0
@@ -120,7 +120,7 @@ class Terminal:
         return ""
 
     def _forget_keys(self) -> None:
-        """A key that was pressed earlier is not the sign to begin."""
+        """Discard keys that were pressed earlier, so that none of them counts as the sign to begin."""
         if self._keyboard:
             import termios
 

@@ -1,4 +1,4 @@
-"""What the fusion service has decided since somebody last looked. Pure."""
+"""Verdicts since the last call. Pure."""
 
 from collections import deque
 from collections.abc import Sequence

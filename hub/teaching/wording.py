@@ -1,4 +1,4 @@
-"""What a teacher reads: who is there, how a take went, what the models confuse. Pure."""
+"""The lines that a teacher reads: present observers, the last take, confused movements. Pure."""
 
 from collections.abc import Mapping, Sequence
 
@@ -60,7 +60,7 @@ def step_line(step: Step) -> str:
 
 
 def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:
-    """What became of the last take: who kept it, in one line, and a line for each observer that did not."""
+    """The outcome of the last take: a line that names the observers that kept it, and a line for each other one."""
     takes = {name: reply.take for name, reply in replies.items() if reply.take and reply.take.state == "kept"}
     keepers = ", ".join(f"{name} ({take.seconds:.1f} s)" for name, take in takes.items())
     lines = [f"kept by {keepers}"] if keepers else []
@@ -71,7 +71,7 @@ def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:
 
 
 def crowd_lines(replies: Mapping[str, TeachReply]) -> list[str]:
-    """What to say if somebody else was in the last take."""
+    """The lines if another person was in the last take."""
     people = {name: reply.take.people for name, reply in replies.items() if reply.take and reply.take.people > 1}
     if not people:
         return []
@@ -82,7 +82,7 @@ def crowd_lines(replies: Mapping[str, TeachReply]) -> list[str]:
 
 
 def doubt_lines(replies: Mapping[str, TeachReply]) -> list[str]:
-    """Takes that look like another movement's, and from where."""
+    """The takes that resemble another movement, and the observers that say so."""
     places: dict[tuple[str, int, str], list[str]] = {}
     for name, reply in replies.items():
         for doubt in reply.doubts:
@@ -95,7 +95,7 @@ def doubt_lines(replies: Mapping[str, TeachReply]) -> list[str]:
 
 
 def place_of(label: str, take: int, replies: Mapping[str, TeachReply]) -> int:
-    """Which of the takes of a movement it is, as a person counts them: dropped and failed ones have numbers too."""
+    """The place of a take among the kept ones of its movement, from 1: dropped and failed takes have numbers, too."""
     return len([number for number in takes_done(label, replies) if number <= take])
 
 
@@ -112,7 +112,7 @@ def has_kept(replies: Mapping[str, TeachReply]) -> bool:
 
 
 def result_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
-    """How many left-out takes each model recognised, which movements are repeated, and which look alike from where."""
+    """Lines on each model: left-out takes recognised, repeated movements, and movements that look alike."""
     lines = []
     for name, report in learned.items():
         rows = [(label, report.results.get(label, {})) for label in report.labels]
@@ -125,7 +125,7 @@ def result_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
 
 
 def alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
-    """Movements that left-out takes confuse, and from where."""
+    """The movements that are confused in left-out takes, and the observers that confuse them."""
     places: dict[tuple[str, str], list[str]] = {}
     for name, report in learned.items():
         for one, row in report.results.items():
@@ -171,7 +171,7 @@ def adopted_line(count: int, labels: Sequence[str]) -> str:
 
 
 def summary_line(right: Mapping[str, bool], alarms: int, alarm_s: float, learned: Mapping[str, LearnedReport]) -> str:
-    """The result of the test in a line: each movement, false alarms, and what looks alike from where."""
+    """The result of the test in one line: each movement, false alarms, and movements that look alike."""
     parts = [f"{sum(right.values())} of {len(right)} recognised"]
     if alarm_s >= LEAST_S:
         parts = [f"{label} {int(was_right)} of 1" for label, was_right in right.items()]
@@ -180,7 +180,7 @@ def summary_line(right: Mapping[str, bool], alarms: int, alarm_s: float, learned
 
 
 def outcome_line(label: str, decided: str) -> str:
-    """What the fusion service said to a movement; "": nothing."""
+    """The fusion service's verdict on a movement, in words; "" if there is none."""
     if decided == label:
         return f"{label}: recognised"
     if decided in ("", ABSTAIN):
@@ -194,7 +194,7 @@ def known_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
 
 
 def begun_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
-    """The movements that have takes and that no model knows: of a lesson that was not finished."""
+    """The movements that have takes but are in no model: those of an unfinished lesson."""
     known = set(known_labels(replies))
     return sorted({label for reply in replies.values() if reply for label in reply.takes} - known)
 

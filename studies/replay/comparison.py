@@ -117,7 +117,7 @@ def _in_gap(records: Sequence[VerdictRecord], gaps: Sequence[Gap]) -> bool:
 
 
 def _by_id(records: Iterable[VerdictRecord]) -> dict[str, list[VerdictRecord]]:
-    """The messages about each movement, without duplicates."""
+    """The messages of each movement, by the movement's id, without duplicates."""
     movements: dict[str, list[VerdictRecord]] = {}
     for record in records:
         own = movements.setdefault(record.verdict.id, [])
