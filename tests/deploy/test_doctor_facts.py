@@ -68,7 +68,7 @@ def test_a_socket_file_needs_a_folder_that_may_be_written(tmp_path):
 
 @pytest.mark.parametrize("mode", ["machine", "router"])
 def test_a_port_taken_by_another_program_is_reported(listener, mode, tmp_path, monkeypatch):
-    for limit in ("OPEN_S", "ANSWER_S"):
+    for limit in ("OPEN_S", "STATUS_ANSWER_S"):
         monkeypatch.setattr(f"deploy.doctor.mesh.{limit}", 0.2)  # the program never answers
     (tmp_path / "s.toml").write_text(
         f'scene = "dojo"\nmesh = {{mode = "{mode}", endpoint = "tcp/127.0.0.1:{listener}"}}\n'

@@ -84,7 +84,7 @@ def test_the_log_does_not_show_the_token_of_the_page(run, root, capsys):
 
 def test_the_broker_is_the_one_that_the_supervisor_names_as_soon_as_it_does(run, root, capsys, monkeypatch):
     monkeypatch.setenv("SUPERVISOR_TOKEN", TOKEN)
-    monkeypatch.setattr(run, "RETRY_S", 0.01)
+    monkeypatch.setattr(run, "SUPERVISOR_RETRY_S", 0.01)
     service = {"host": "core-mosquitto", "port": 1883, "ssl": True, "username": "addons", "password": "s3cret"}
     with simulated_supervisor() as supervisor:
         Supervisor.service, Supervisor.known_after = service, 2
