@@ -1,6 +1,8 @@
 """Bounds of scores and remarks, and a remark in words. The scores themselves: docs/design/score.md. Pure."""
 
 BEST_SCORE = 10.0
+LEAST_REFERENCES = 3
+"""Reference takes of a movement: each is compared with the others, and with two there would be no spread of them."""
 REMARKS_LIMIT = 3
 """Remarks on one performance: people remember no more."""
 REMARK_LIMIT = 120

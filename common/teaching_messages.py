@@ -45,7 +45,9 @@ class TeachRequest(Message):
     teacher: random per teacher, so that two do not teach at once. labels: for `start` and `learn` all movements of the
     new vocabulary, in its order. add: for `start`, keep the takes of earlier movements. label, take, person: for
     `begin`, `drop` and `show` the movement ("": something else; for `show`: what is seen now), the number of the
-    performance, and who performs ("": for `correct` the only person of whom there are takes; else SOMEONE). in_s: for
+    performance, and who performs ("": for `correct` the only person of whom there are takes; else SOMEONE). references:
+    for `learn`, the movements of which the takes of `person` show how they should be done; add: those that the model in
+    force has still do. in_s: for
     `adopt`, after so many seconds, so that all observers change together. `leave` lets another teacher begin at once.
 
     correction: for `correct`, the id of the verdict, or any other id for a movement that had none; a second `correct`
@@ -72,6 +74,7 @@ class TeachRequest(Message):
     models: bool = False
     clips: bool = False
     earlier: Id = ""
+    references: Labels = Field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +116,14 @@ class LearnedReport(MessagePart):
     """A model that was learned and is not in force yet.
 
     results: for each movement, as what its takes were recognised by models that had not learned from them. periods:
-    seconds of one repetition of each movement whose takes are periodic.
+    seconds of one repetition of each movement whose takes are periodic. references: how many takes show how each
+    movement should be done, of those that are scored.
     """
 
     labels: Labels
     periods: dict[Label, Seconds] = Field(default_factory=dict, max_length=LABELS_LIMIT)
     results: dict[Label, CountOf] = Field(default_factory=dict, max_length=LABELS_LIMIT)
+    references: CountOf = Field(default_factory=dict)
 
 
 class CorrectedReport(MessagePart):

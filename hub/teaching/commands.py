@@ -13,6 +13,7 @@ import typer
 
 from common.command_options import takes_options
 from common.errors import BadInput
+from common.score import LEAST_REFERENCES
 from common.vocabulary import Vocabulary, require_teachable
 
 if TYPE_CHECKING:
@@ -69,6 +70,12 @@ class TeachOptions:
         typer.Option(help="Who performs; by default someone, and with --was the only person who was taught."),
     ] = ""
     add: Annotated[bool, typer.Option("--add", help="Keep the movements that were taught before.")] = False
+    reference: Annotated[
+        bool,
+        typer.Option(
+            "--reference", help="These takes show how it should be done: the scene scores each movement by them."
+        ),
+    ] = False
     seconds: Annotated[
         float | None,
         typer.Option(min=0.5, max=600, help="Length of each take; by default until the person stands still."),
@@ -213,7 +220,7 @@ def _plan(options: TeachOptions) -> "LessonPlan":
     lengths = LENGTHS if options.rehearse else {"alarm_s": 30.0}
     plan = LessonPlan(
         options.labels or [], secrets.token_hex(8), options.person or SOMEONE, seconds=options.seconds,
-        add=options.add, test=options.test, begin=options.begin.value,
+        add=options.add, test=options.test, begin=options.begin.value, reference=options.reference,
     )  # fmt: skip
     return replace(plan, **{**lengths, **{name: value for name, value in typed.items() if value is not None}})
 
@@ -252,6 +259,8 @@ def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[s
         )
     require_teachable(labels)
     require_person(options.person)
+    if options.reference and options.takes is not None and options.takes < LEAST_REFERENCES:
+        raise BadInput(f"--reference --takes {options.takes}: a score needs at least {LEAST_REFERENCES} takes")
     if len(labels) == 1 and not options.add:
         raise BadInput(
             f"{labels[0]}: one movement alone cannot be told from another; name at least two, or add it with --add to "

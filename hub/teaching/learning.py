@@ -6,7 +6,7 @@ from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TeachReply
 from hub.teaching.interface import Step
 from hub.teaching.participants import Participants
-from hub.teaching.wording import adopted_line, missing_line, result_lines, without_takes
+from hub.teaching.wording import adopted_line, missing_line, reference_lines, result_lines, without_takes
 
 LOOK_S = 0.2
 LEARN_LIMIT_S = 900.0
@@ -19,7 +19,7 @@ def learn(participants: Participants) -> dict[str, LearnedReport]:
     interface = participants.interface
     participants.take_back()
     others = _leave_out_those_without_takes(participants)
-    participants.request("learn", labels=participants.labels)
+    participants.request("learn", **_wanted(participants))
     begun_s, learned, replies = interface.now_s(), dict[str, LearnedReport](), dict[str, TeachReply]()
     while len(learned) < len(participants.observers) and interface.now_s() - begun_s < LEARN_LIMIT_S:
         count, seconds = len(participants.observers), interface.now_s() - begun_s
@@ -31,9 +31,15 @@ def learn(participants: Participants) -> dict[str, LearnedReport]:
     others += sum(bool(replies[name].labels) for name in replies if name not in learned)
     if len(learned) <= others:
         raise LabanmeshError("most observers could not learn; nothing changes, and the takes are kept")
-    for line in result_lines(learned):
+    for line in (*result_lines(learned), *reference_lines(learned, participants.references)):
         interface.say(line)
     return learned
+
+
+def _wanted(participants: Participants) -> dict[str, object]:
+    """What all learn."""
+    references = {"references": list(participants.references), "person": participants.person}
+    return {"labels": participants.labels, "add": participants.add, **references}
 
 
 def adopt(participants: Participants, learned: Mapping[str, LearnedReport]) -> None:
@@ -72,5 +78,5 @@ def _learn_again(participants: Participants, replies: Mapping[str, TeachReply]) 
     idle = [name for name in participants.observers if replies[name].state == "idle"]
     restarted = [name for name in idle if not replies[name].fault]
     if restarted:
-        participants.request_of("learn", restarted, labels=participants.labels)
+        participants.request_of("learn", restarted, **_wanted(participants))
     participants.observers = [name for name in participants.observers if name not in idle or name in restarted]

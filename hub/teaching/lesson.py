@@ -44,6 +44,7 @@ class LessonPlan:
 
     test: whether each movement is done once more at the end, for the fusion service; alarm_s: and then so long
     something else, in which verdicts are false alarms. begin: the sign with which the takes of a movement begin.
+    reference: whether the takes show how the movements should be done.
     """
 
     labels: Sequence[str]
@@ -57,6 +58,7 @@ class LessonPlan:
     test: bool = False
     alarm_s: float = 0.0
     begin: Begin = "now"
+    reference: bool = False
 
 
 class Lesson:
@@ -65,7 +67,10 @@ class Lesson:
     def __init__(self, plan: LessonPlan, interface: LessonInterface, ask: Ask, observers: Collection[str]) -> None:
         self._plan, self._interface, self._asked = plan, interface, list(observers)
         self._crowds: set[str] = set()
-        self._participants = Participants(plan.teacher, interface, ask, list(observers), plan.add)
+        references = plan.labels if plan.reference else ()
+        self._participants = Participants(
+            plan.teacher, interface, ask, list(observers), plan.add, references, plan.person
+        )
 
     def run(self) -> None:
         """The whole lesson; raises LabanmeshError, one line, if it cannot go on. Takes that were made are kept."""

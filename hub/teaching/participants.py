@@ -1,6 +1,6 @@
 """The observers that take part in a lesson: what is asked of all of them, and those that go and come back."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pydantic import ValidationError
@@ -21,7 +21,8 @@ class Participants:
     """The observers that are taught.
 
     teacher: the id of this lesson's teacher. ask: sends a request to these observers. observers: those that take part
-    now; taught: all that have begun. labels: the new vocabulary; add: with the takes of earlier ones.
+    now; taught: all that have begun. labels: the new vocabulary; add: with the takes of earlier ones. references: the
+    movements of which the takes of `person` show how they should be done.
     """
 
     teacher: str
@@ -29,6 +30,8 @@ class Participants:
     ask: Ask
     observers: list[str]
     add: bool = False
+    references: Sequence[str] = ()
+    person: str = ""
     labels: list[str] = field(default_factory=list)
     taught: list[str] = field(default_factory=list)
     faults: dict[str, str] = field(default_factory=dict)

@@ -1,6 +1,6 @@
 """The lines that a teacher reads: present observers, the last take, confused movements. Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from common.teaching_messages import LearnedReport, TeachReply
 from common.text import periods_line, plural
@@ -122,6 +122,17 @@ def result_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
     reports = [report for report in learned.values() if set(report.periods) <= set(report.labels)]
     periods = {label: period_s for report in reports for label, period_s in report.periods.items()}
     return [*lines, *([periods_line(periods)] if periods else []), *alike_lines(learned)]
+
+
+def reference_lines(learned: Mapping[str, LearnedReport], wanted: Collection[str]) -> list[str]:
+    """Which movements each model scores, and which it was to score and has too few takes of."""
+    lines = []
+    for name, report in learned.items():
+        own = [f"{label} by {plural(count, 'reference take')}" for label, count in report.references.items()]
+        lines += [f"{name}: scores {', '.join(own)}"] if own else []
+        missing = [label for label in wanted if label not in report.references]
+        lines += [f"{name}: cannot score {', '.join(missing)}: at least three takes have to be kept"] if missing else []
+    return lines
 
 
 def alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:

@@ -59,8 +59,8 @@ def describe_references(header: "Header") -> list[str]:
     """How many takes show how each movement should be done; no line for a model without references."""
     if not header.references:
         return []
-    counts = {label: sum(not take.mirrored for take in own.takes) for label, own in header.references.items()}
-    own = ", ".join(f"{label} by {plural(count, 'reference take')}" for label, count in counts.items())
+    known = header.references.items()
+    own = ", ".join(f"{label} by {plural(references.count, 'reference take')}" for label, references in known)
     return [f"scores {own}"]
 
 

@@ -17,7 +17,8 @@ from observer.motion.placing import placed
 from observer.motion.projected import view_tracks
 from observer.score.references import ReferenceTake, ReferenceTakes
 
-ALL_TAKES = "all"
+ALL_TAKES, CHOSEN = "all", "references"
+"""The word for every take, and where a model says which were chosen."""
 
 
 def with_references(
@@ -47,7 +48,8 @@ def with_references(
     for label in header.vocabulary.labels:
         if takes := [each for each in shown if each.label == label]:
             references[label] = _references(label, takes, archive.body_parts, view, model)
-    return type(model).from_arrays(replace(header, references=references), model.arrays())
+    provenance = {**header.provenance, CHOSEN: ",".join(chosen)}
+    return type(model).from_arrays(replace(header, references=references, provenance=provenance), model.arrays())
 
 
 def _is_meant(name: str, take: Recording) -> bool:

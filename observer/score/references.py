@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from common.errors import BadInput
+from common.score import LEAST_REFERENCES
 from common.text import plural
 from observer.model.nearest_take import USUAL_DISTANCE
 from observer.score.alignment import Alignment
@@ -19,8 +20,6 @@ from observer.score.limbs import Limb, angles_of, joints_of, limbs_of, places_of
 from observer.score.remarks import OWN_TOLERANCE, TOLERANCE, Band, Remark, largest, remarks_of
 from observer.tracks import Floats, Floats32
 
-LEAST_REFERENCES = 3
-"""Each is compared with the others: with two there would be no spread of them."""
 BAND = 8
 """Takes nearest to a performance that make the reference band."""
 BEST, HALF = 10.0, 0.5
@@ -99,6 +98,11 @@ class ReferenceTakes:
         columns = columns_of(self._limbs, self._joints)
         self._weights, self._limb_of = weights_of(columns), np.array([limb for _, limb in columns])
         self.spread = spread or self._measured(own)
+
+    @property
+    def count(self) -> int:
+        """How many takes there are, those to the other side not counted."""
+        return sum(not take.mirrored for take in self.takes)
 
     def _measured(self, own: Sequence[int]) -> ReferenceSpread:
         compared = [self._compare(self._places[n], self._others(n)) for n in own]

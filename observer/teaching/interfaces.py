@@ -17,8 +17,12 @@ class Learner(Protocol):
     learned: LearnedReport | None
     """The model that waits to be adopted."""
 
-    def learn(self, labels: Sequence[str]) -> None:
-        """Begin to learn these movements from the takes on the disk."""
+    def learn(self, labels: Sequence[str], references: Sequence[str] = ()) -> None:
+        """Begin to learn these movements from the takes on the disk. references: LABEL:TRIAL of those to score by."""
+
+    @property
+    def references(self) -> frozenset[str]:
+        """LABEL:TRIAL of the takes that are references of the model in force."""
 
     def adopt(self, in_s: float) -> None:
         """Put the learned model in force after this many seconds; raises LabanmeshError if that fails."""

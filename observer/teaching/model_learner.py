@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from common.errors import LabanmeshError
 from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
 from observer.files import make_private, remove_file
+from observer.learning.references import CHOSEN
 from observer.model.cross_validation import held_out_of
 from observer.model.model_file import read_model
 from observer.runtime.people_observer import AnyObserver
@@ -49,10 +50,19 @@ class ModelLearner:
         self.removed = False
         """Whether the model in force was removed; the observer that uses it sets this back."""
 
-    def learn(self, labels: Sequence[str]) -> None:
-        """Begin to learn these movements."""
+    def learn(self, labels: Sequence[str], references: Sequence[str] = ()) -> None:
+        """Begin to learn these movements. references: LABEL:TRIAL of the takes that show how they should be done."""
         self.busy, self.fault, self.learned = True, "", None
-        threading.Thread(target=self._learn, args=(list(labels),), name="learn", daemon=True).start()
+        threading.Thread(target=self._learn, args=(list(labels), references), name="learn", daemon=True).start()
+
+    @property
+    def references(self) -> frozenset[str]:
+        """LABEL:TRIAL of the takes that are references of the model in force."""
+        try:
+            header = read_model(self._in_force).header if self._in_force.exists() else None
+        except LabanmeshError:
+            return frozenset()
+        return frozenset() if header is None else frozenset(header.provenance.get(CHOSEN, "").split(","))
 
     def adopt(self, in_s: float) -> None:
         """Replace the model file now, and the observer after so many seconds; raises LabanmeshError."""
@@ -112,23 +122,27 @@ class ModelLearner:
             with suppress(subprocess.TimeoutExpired):
                 process.wait(LEARNER_END_S)
 
-    def _learn(self, labels: list[str]) -> None:
+    def _learn(self, labels: list[str], references: Sequence[str]) -> None:
         try:
-            self._run(labels)
+            self._run(labels, references)
             model = read_model(self._next)
             self._observer = self._build(model)
             vocabulary, results = model.header.vocabulary, held_out_of(model.header)
-            self.learned = LearnedReport(labels=list(vocabulary.labels), results=results, periods=vocabulary.periods)
+            self.learned = LearnedReport(
+                labels=list(vocabulary.labels), results=results, periods=vocabulary.periods,
+                references={label: own.count for label, own in model.header.references.items()},
+            )  # fmt: skip
         except (LabanmeshError, OSError) as error:
             self.fault = str(error)[:TEXT_LIMIT]
             log.warning("learning failed: %s", error)
         finally:
             self.busy = False
 
-    def _run(self, labels: list[str]) -> None:
+    def _run(self, labels: list[str], references: Sequence[str]) -> None:
         command = [sys.executable, "-P", "-m", "labanmesh", "learn", str(self._takes), "--labels", ",".join(labels)]
         # The people who teach are those who will be judged; a few takes by one of them tell little about other people.
         command += ["--known-people", "--body-parts", "auto", "-o", str(self._next)]
+        command += ["--reference", ",".join(references)] if references else []
         self._process = process = subprocess.Popen(  # noqa: S603 - the command line is ours
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True, errors="replace", umask=UMASK,

@@ -13,12 +13,15 @@
 Times are seconds of a monotonic clock, and the times of frames in ns.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 
 from common.errors import LabanmeshError
+from common.score import LEAST_REFERENCES
 from common.teaching_messages import (
     PERSON_LIMIT,
     PERSONS_LIMIT,
+    SOMEONE,
     TAKES_LIMIT,
     TEXT_LIMIT,
     CorrectedReport,
@@ -145,7 +148,7 @@ class Teaching:
                 self._takes.drop(request.label, str(request.take))
             case "learn" if not self._learner.busy:
                 Vocabulary(tuple(request.labels))
-                self._learner.learn(request.labels)
+                self._learner.learn(request.labels, self._references(request))
             case "adopt":
                 if self._learner.learned is None:
                     return "no new model has been learned"
@@ -164,6 +167,18 @@ class Teaching:
                 self._recording.abandon()
                 self._asked_s = float("-inf")
         return ""
+
+    def _references(self, request: TeachRequest) -> list[str]:
+        """LABEL:TRIAL of the takes that show how a movement should be done, where there are enough."""
+        archive, person = self._takes.archive, request.person or SOMEONE
+        kept = self._learner.references if request.add else frozenset()
+        takes = {
+            f"{take.label}:{take.trial}": take.label
+            for take in (() if archive is None else archive.recordings)
+            if (take.label in request.references and take.subject == person) or f"{take.label}:{take.trial}" in kept
+        }
+        counts = Counter(takes.values())
+        return [words for words, label in takes.items() if counts[label] >= LEAST_REFERENCES]
 
     def _forget(self, request: TeachRequest) -> ForgottenReport:
         unwanted = Unwanted(request.person, request.label, request.everything)

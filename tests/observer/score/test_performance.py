@@ -97,7 +97,8 @@ def test_without_references_nothing_changes(plain, model, shown, tmp_path):
     write_model(tmp_path / "own.model", model)
     with np.load(tmp_path / "plain.model") as arrays, np.load(tmp_path / "own.model") as more:
         assert not [name for name in arrays if name.startswith("reference")]
-        assert all((arrays[name] == more[name]).all() for name in arrays)
+        # The header says which takes they are.
+        assert all((arrays[name] == more[name]).all() for name in arrays if name != "header")
     pairs = zip(posteriors(read_model(tmp_path / "plain.model"), shown), posteriors(model, shown), strict=True)
     for (*_, one), (*_, other) in pairs:
         assert (one is None) is (other is None)

@@ -138,7 +138,7 @@ def test_films_teach_as_a_lesson_does_and_more_can_be_added(teach, tmp_path, cap
 
 
 def test_what_cannot_be_taught_changes_nothing(teach, tmp_path, monkeypatch):
-    monkeypatch.setattr(ModelLearner, "_run", lambda self, labels: (_ for _ in ()).throw(OSError("disk")))
+    monkeypatch.setattr(ModelLearner, "_run", lambda *_: (_ for _ in ()).throw(OSError("disk")))
     with pytest.raises(LabanmeshError, match="disk; nothing has changed"):
         teach("byebye=two2.mp4", "maestro=two2.mp4")
     monkeypatch.setattr(Link, "open", lambda *_, **__: nullcontext(SimpleNamespace(presence=lambda *_: Runs())))

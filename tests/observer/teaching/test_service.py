@@ -97,9 +97,9 @@ def learned(room):
 
 
 def test_an_observer_without_a_model_is_taught_and_recognises(room, scene, monkeypatch):
-    def run_here(self, labels):
+    def run_here(self, labels, references):
         words = ["learn", str(self._takes), "--labels", ",".join(labels), "--body-parts", "auto", "-o", str(self._next)]
-        assert labanmesh.main(words) == 0
+        assert labanmesh.main([*words, "--reference", ",".join(references)]) == 0
 
     # tests/faults/test_teach.py learns in processes.
     monkeypatch.setattr(model_learner.ModelLearner, "_run", run_here)
@@ -110,16 +110,18 @@ def test_an_observer_without_a_model_is_taught_and_recognises(room, scene, monke
         for label, lift in LIFTS.items():
             assert room.ask("begin", label=label, take=take, person="anna").fault == ""
             room.film(1.0), room.film(1.5, lift), room.film(1.5)
-    reply = room.ask("learn", labels=["wave", "reach"])
+    reply = room.ask("learn", labels=["wave", "reach"], references=["reach"], person="anna")
     assert reply.takes == {"wave": [1, 2, 3], "reach": [1, 2, 3]}
     reply = learned(room)
     assert reply.learned.labels == ["wave", "reach"] and reply.fault == ""
-    assert sum(reply.learned.results["wave"].values()) == 3
+    assert sum(reply.learned.results["wave"].values()) == 3 and reply.learned.references == {"reach": 3}
     assert room.film(0.5) is None, "nothing changes before it is adopted"
     assert room.ask("adopt").fault == ""
     room.film(2.0)
     assert room.observer.vocabulary.labels == ("wave", "reach") and room.observer.complaint == ""
     assert room.film(1.2, LIFTS["reach"]).p.argmax() == 1
+    assert room.film(1.0).score.label == "reach"
+    assert room.learner.references == {"reach:1", "reach:2", "reach:3"}
     header = read_model(scene.place("sofa.model")).header
     assert header.view == "camera:sofa" and not is_untaught(scene, "sofa")
     assert read_archive(scene.place("sofa.tracks.npz")).body_parts == PARTS and header.body_parts == BODY_PARTS

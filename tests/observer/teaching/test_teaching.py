@@ -26,9 +26,11 @@ class FakeLearner:
     def __init__(self):
         self.busy, self.fault, self.learned, self.asked, self.adopted = False, "", None, [], []
         self.known, self.forgotten = set(), []
+        self.references, self.shown = frozenset(), []
 
-    def learn(self, labels):
+    def learn(self, labels, references=()):
         self.asked.append(list(labels))
+        self.shown.append(list(references))
         self.learned = LearnedReport(labels=list(labels), results={"wave": {"wave": 5}})
 
     def adopt(self, in_s):
@@ -197,6 +199,25 @@ def test_claps_are_counted(room):
     assert room.ask("start", labels=["wave", "clap"]).claps == 0
     room.pass_s(1.0), room.clap(), room.pass_s(1.0), room.clap()
     assert room.ask("status").claps == 2
+
+
+def test_takes_of_one_person_show_how_it_should_be_done_if_there_are_three_and_later_takes_do_not(room):
+    labels = ["wave", "clap"]
+    room.ask("start", labels=labels)
+    for take in (1, 2, 3):
+        room.perform("wave", take)
+    room.clap_take(1)
+    room.ask("learn", labels=labels, references=labels, person="anna")
+    assert room.learner.shown[-1] == ["wave:1", "wave:2", "wave:3"], "of clap there is one take"
+    room.ask("learn", labels=labels, references=labels, person="bob")
+    assert room.learner.shown[-1] == []
+    # The model in force knows which they are.
+    room.learner.references = frozenset(["wave:1", "wave:2", "wave:3", "jump:1"])
+    room.perform("wave", 4)
+    room.ask("learn", labels=labels, add=True)
+    assert room.learner.shown[-1] == ["wave:1", "wave:2", "wave:3"]
+    room.ask("learn", labels=labels)
+    assert room.learner.shown[-1] == [], "another lesson"
 
 
 def test_takes_that_contradict_each_other_are_named_before_anything_is_learned(room):
