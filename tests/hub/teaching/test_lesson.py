@@ -24,6 +24,7 @@ class Observer:
         self.fault, self.doubts = "", doubts
         self.visible, self.still, self.claps, self.people = True, 1.0, 0, 1
         self.is_recording, self.can_learn, self.returns = False, can_learn, returns
+        self.referenced = 5
 
     def answer(self, request):
         match request.command:
@@ -50,7 +51,8 @@ class Observer:
             case "drop":
                 self.takes[request.label].remove(request.take)
             case "learn" if self.can_learn:
-                self.learned = LearnedReport(labels=request.labels, results=self.results)
+                references = {label: self.referenced for label in request.references if label == "wave"}
+                self.learned = LearnedReport(labels=request.labels, results=self.results, references=references)
             case "learn":
                 self.fault = "wave: one take is not enough"
             case "adopt":
@@ -103,6 +105,16 @@ def teach(observers, keys="", presses=(), **plan):
 
 def takes_asked(interface):
     return [(each.label, each.take) for each in interface.asked if each.command == "begin" and each.label]
+
+
+def test_takes_that_show_how_it_should_be_done_are_asked_for_and_said():
+    interface = teach({"sofa": Observer()}, reference=True, person="eva", takes=5)
+    (learn,) = (each for each in interface.asked if each.command == "learn")
+    assert (learn.references, learn.person) == (["wave", "clap"], "eva")
+    assert "sofa: scores wave by 5 reference takes" in interface.lines
+    assert "sofa: cannot score clap: at least three takes have to be kept" in interface.lines
+    plain = teach({"sofa": Observer()})
+    assert not any("score" in line for line in plain.lines)
 
 
 def test_the_whole_lesson():
