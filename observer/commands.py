@@ -56,7 +56,7 @@ def observe(
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
     model, inputs = _model_and_inputs(config, observer, health)
-    health.note = follows_one(config.people.most, len(config.roster), inputs.view)
+    health.note = follows_one(config.people.most, len(config.roster), inputs.view, inputs.tracker.most)
     build = partial(pipeline_of, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
@@ -92,7 +92,6 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
-    from observer.runtime.people_followed import people_followed
     from observer.runtime.people_observer import FloorPlacer, PeopleObserver
     from observer.runtime.pipeline import Observer
     from observer.runtime.resampler import Resampler
@@ -119,7 +118,7 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
         facets = _facet_reader(scene, observer, header, inputs)
         return Observer(tracker, model, onset, Resampler(header.rate_hz), facets, judged_s)
 
-    if people_followed(scene.people.most, len(scene.roster), inputs.view) == 1:
+    if inputs.tracker.most == 1:
         return of_person(inputs.tracker)
     placer = FloorPlacer(inputs.view, person, alone=len(scene.roster) == 1)
     return PeopleObserver(inputs.tracker, of_person, placer)

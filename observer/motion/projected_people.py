@@ -36,7 +36,7 @@ class ProjectedPeople:
         names = [self.body_parts, *([f"{part}{MARK}{n}" for part in self.body_parts] for n in numbers)]
         known = {part: row for row, part in enumerate(recorded)}
         self._rows = [[known[part] for part in own] for own in names]
-        self._view, self._keeper = view, PersonKeeper(most)
+        self._view, self._keeper, self.most = view, PersonKeeper(most), most
 
     def update(self, frame: Frame) -> Tracks:
         """The people whom the view shows."""

@@ -9,8 +9,13 @@ def people_followed(most: int, observers: int, view: View) -> int:
     return most if view.has_place or observers == 1 else 1
 
 
-def follows_one(most: int, observers: int, view: View) -> str:
-    """That the observer follows one person although the scene judges several, and what to do; "" if it is not so."""
-    if people_followed(most, observers, view) == most:
+def follows_one(most: int, observers: int, view: View, followed: int) -> str:
+    """That the observer follows one person although the scene judges several, and what to do; "" if it is not so.
+
+    followed: how many people its tracker follows.
+    """
+    if followed > 1 or most == 1:
         return ""
-    return "follows one person, who counts while nobody else is there: calibrate this camera to tell several apart"
+    can_tell = people_followed(most, observers, view) == most
+    way_out = "choose the tracker mediapipe" if can_tell else "calibrate this camera"
+    return f"follows one person, who counts while nobody else is there; to tell several apart {way_out}"

@@ -89,6 +89,11 @@ class PreparedTracker:
         calibrated = None if guesses is None else self._calibrated(guesses)
         return Tracks(self._calibrated(self.picture_tracks.centres), calibrated, tracks.people)
 
+    @property
+    def most(self) -> int:
+        """How many people the tracker follows."""
+        return int(getattr(self.tracker, "most", 1))
+
     def persons(self) -> list[PersonTracks]:
         """The people of the newest frame, each as `update` returns the tracks of one."""
         each = () if self.all_tracks is None else self.all_tracks.persons

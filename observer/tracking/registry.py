@@ -1,6 +1,7 @@
 """All trackers by name: the content that each reads, and how it is built from an observer's section."""
 
 from collections.abc import Mapping
+from functools import partial
 
 from common.errors import BadInput, LabanmeshError
 from common.plugins import plugin, plugins
@@ -33,11 +34,14 @@ def _camshift(settings: TrackerSettings) -> Tracker:
 
 
 def _mediapipe(settings: TrackerSettings) -> Tracker:
-    from observer.tracking.mediapipe_pose import MediapipeTracker
+    from observer.tracking.mediapipe_pose import MediapipeTracker, open_people
     from observer.tracking.people import FollowRule
+    from observer.tracking.several_poses import SeveralPoses
 
     section = settings.section
     path = str(settings.place(section.pose_model)) if section.pose_model else None
+    if settings.most > 1:
+        return SeveralPoses(partial(open_people, path, settings.smooth), "mediapipe", settings.most, section.hand)
     rule = FollowRule(section.follow, section.follow_near)
     return MediapipeTracker(path, section.hand, WHOLE_BODY, rule, settings.smooth)
 

@@ -1,0 +1,174 @@
+"""Several people by a pose model: one crop of the picture for each person who is followed, as a tracker.
+
+Each followed person has a copy of the model, which keeps to its own region of the picture and smooths its own
+landmarks. Others are searched in the picture in which those who are followed are covered: beside a person in full view,
+detectors often miss another. Who is who from picture to picture is decided in person_keeper.py.
+"""
+
+import weakref
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from observer.camera.base import require_picture
+from observer.tracking.company import GROWTH, SPEED, STEP
+from observer.tracking.people import Body, PersonModel, Pose, Rgb, area_about, distinct
+from observer.tracking.person_keeper import Detection, PersonKeeper
+from observer.tracking.pose import COMPLAINT, NOBODY_S, Hand, landmarks_of, read_pose, require_hand
+from observer.tracking.search_areas import Sweep
+from observer.tracking.sides import SideKeeper
+from observer.tracks import WHOLE_BODY, Frame, SeenPeople, Tracks
+
+SEARCH_S, LOOK_S = 0.3, 1.0
+"""Time between two searches while somebody was lost or nobody is followed, and while all are followed who were seen."""
+SQUARES = 2
+"""Squares of the picture that a search looks at beside the whole picture."""
+COVERED, TALL = 0.5, 1.2
+"""Width and height of what covers somebody who is followed, in their height."""
+ONE = 0.25
+"""Two bodies nearer than this, in heights, whose poses agree are one person, found twice."""
+SAME_POSE = 0.05
+"""Median distance of the landmarks of two poses that agree, in heights."""
+LOST_S = 0.5
+"""Who is not found for so long is searched as a new person."""
+
+
+@dataclass(slots=True)
+class _Followed:
+    """One copy of the model. body: of the person whom it follows; None: nobody. sides: keeps left and right apart."""
+
+    model: PersonModel
+    body: Body | None = None
+    seen_ms: int = 0
+    sides: SideKeeper = field(default_factory=SideKeeper)
+
+
+class SeveralPoses:
+    """A `Tracker` of pictures (H, W, 3) uint8 BGR that follows up to `most` people. new_model: makes a copy of a model.
+
+    Raises BadInput for an unknown hand, and as new_model does.
+    """
+
+    body_parts: Sequence[str] = WHOLE_BODY
+
+    def __init__(self, new_model: Callable[[], PersonModel], name: str, most: int, hand: Hand = "palm") -> None:
+        require_hand(hand)
+        self._rows = [landmarks_of(part, hand) for part in WHOLE_BODY]
+        self._new_model, self._name, self.most = new_model, name, most
+        self._followed = [_Followed(new_model())]
+        self._keeper, self._sweep = PersonKeeper(most), Sweep((1, 1))
+        self._closing = weakref.finalize(self, _close, self._followed)
+        self._first_ns: int | None = None
+        self._ms = self._someone_ms = self._searched_ms = 0
+
+    @property
+    def complaint(self) -> str:
+        """What to do when nobody was found for NOBODY_S; "" when all is well."""
+        return COMPLAINT.format(self._name) if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
+
+    def update(self, frame: Frame) -> Tracks:
+        """Everybody who is followed; the centres are those of the first."""
+        picture = require_picture(frame.content)
+        rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        size = rgb.shape[1], rgb.shape[0]
+        if self._sweep.size != size:
+            self._sweep = Sweep(size)
+        before_ms, self._ms = self._ms, self._after(frame.at_ns)
+        found = [(one, pose) for one in self._followed if (pose := self._pose(one, rgb, before_ms)) is not None]
+        found = _once(found, size)
+        if self._is_due(len(found)):
+            found += self._search(rgb, [pose.body for _, pose in found])
+        detections = [self._detection(one, pose, size) for one, pose in found]
+        persons = self._keeper.update(detections, frame.at_ns)
+        outlines = [Body(person.u, person.v, person.height).outline for person in persons]
+        people = SeenPeople(outlines[0] if outlines else None, tuple(outlines[1:]))
+        nobody = np.full((len(self._rows), 2), np.nan)
+        self._someone_ms = self._ms if found else self._someone_ms
+        return Tracks(persons[0].centres if persons else nobody, people=people, persons=persons)
+
+    def close(self) -> None:
+        """Release the threads of the models; no picture may follow."""
+        self._closing()
+
+    def _pose(self, one: _Followed, rgb: Rgb, before_ms: int) -> Pose | None:
+        """The pose of the person whom this copy follows, if it can be that person's."""
+        if one.body is None:
+            return None
+        pose = one.model.pose(rgb, one.body, self._ms)
+        reach = (STEP + SPEED * (self._ms - before_ms) / 1000) * one.body.height
+        if pose is not None and pose.body.resembles(one.body, GROWTH) and pose.body.distance(one.body) <= reach:
+            one.body, one.seen_ms = pose.body, self._ms
+            return pose
+        if self._ms - one.seen_ms > 1000 * LOST_S:
+            one.body = None
+        return None
+
+    def _is_due(self, found: int) -> bool:
+        """Whether to search for somebody else in this picture."""
+        if found >= self.most:
+            return False
+        lost = found == 0 or any(one.body is not None and one.seen_ms < self._ms for one in self._followed)
+        return self._searched_ms == 0 or self._ms - self._searched_ms >= 1000 * (SEARCH_S if lost else LOOK_S)
+
+    def _search(self, rgb: Rgb, known: Sequence[Body]) -> list[tuple[_Followed, Pose]]:
+        """Who else is in the picture, each with a copy of the model that follows them from now on."""
+        self._searched_ms, size = self._ms, (rgb.shape[1], rgb.shape[0])
+        covers = [area_about(body, COVERED * body.height, size, TALL * body.height) for body in known]
+        searched = rgb
+        for cover in covers:
+            searched = searched if cover is None else cover.covered(searched)
+        areas = [self._sweep.whole, *(area for _, area in self._sweep.next(SQUARES, None))]
+        bodies = distinct([body for area in areas for body in self._followed[0].model.find(searched, area, self._ms)])
+        return [each for body in bodies if (each := self._begin(rgb, body, known)) is not None]
+
+    def _begin(self, rgb: Rgb, body: Body, known: Sequence[Body]) -> tuple[_Followed, Pose] | None:
+        if any(body.distance(one) < ONE * one.height for one in known):
+            return None
+        free = [one for one in self._followed if one.body is None or one.seen_ms < self._ms]
+        if not free and len(self._followed) >= self.most:
+            return None
+        one = free[0] if free else _Followed(self._new_model())
+        if not free:
+            self._followed.append(one)
+        one.model.restart()
+        pose = one.model.pose(rgb, body, self._ms)
+        if pose is None or not pose.body.resembles(body, 2.0) or pose.body.distance(body) > body.height / 2:
+            one.body = None
+            return None
+        one.body, one.seen_ms, one.sides = pose.body, self._ms, SideKeeper()
+        return one, pose
+
+    def _detection(self, one: _Followed, pose: Pose, size: tuple[int, int]) -> Detection:
+        landmarks = one.sides.update(pose.landmarks, self._ms, size[0] / size[1])
+        return Detection(read_pose(landmarks, size, self._rows).centres, pose.body.u, pose.body.v, pose.body.height)
+
+    def _after(self, at_ns: int) -> int:
+        """Milliseconds since the first frame, strictly increasing: models reject repeated times."""
+        if self._first_ns is None:
+            self._first_ns = at_ns
+        return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
+
+
+def _once(found: Sequence[tuple[_Followed, Pose]], size: tuple[int, int]) -> list[tuple[_Followed, Pose]]:
+    """Each person once: of two copies that follow one person the first, the other one follows nobody."""
+    result: list[tuple[_Followed, Pose]] = []
+    for one, pose in found:
+        if any(_is_one(pose, other, size) for _, other in result):
+            one.body = None
+        else:
+            result.append((one, pose))
+    return result
+
+
+def _is_one(pose: Pose, other: Pose, size: tuple[int, int]) -> bool:
+    if pose.body.distance(other.body) > ONE * other.body.height:
+        return False
+    apart = np.linalg.norm((pose.landmarks[:, :2] - other.landmarks[:, :2]) * size, axis=1)
+    return bool(np.median(apart) < SAME_POSE * other.body.height)
+
+
+def _close(followed: Sequence[_Followed]) -> None:
+    for one in followed:
+        one.model.close()
