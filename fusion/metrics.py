@@ -73,9 +73,10 @@ class FusionMetrics(Metrics):
             self._undecided[judgement.scene] = movement.id
 
     def _record(self, verdict: VerdictMessage) -> None:
-        if self._decided.get(verdict.scene) != verdict.id:
+        judged = f"{verdict.scene}/{verdict.person or ''}"
+        if self._decided.get(judged) != verdict.id:
             self._delay.observe((verdict.decided_ns - verdict.began_ns) / SECOND_NS)
-            self._decided[verdict.scene] = verdict.id
+            self._decided[judged] = verdict.id
         self._revised.inc(verdict.stage == "revised")
         if verdict.stage == "ended":
             self._verdicts[verdict.label] += 1

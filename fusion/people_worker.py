@@ -127,7 +127,8 @@ class PeopleWorker:
         for person, worker in self._workers.items():
             own = of_person.get(person, [])
             if own or self._is_judged(person):
-                self._engines[person].place = self.people.place(person, now_ns)
+                place = self.people.place(person, now_ns)
+                self._engines[person].place = None if place is None else [round(each, 2) for each in place]
                 each.append((worker, worker.collect(own)))
         return PeopleInput(len(arrivals), len(read), now_ns, None, each)
 

@@ -14,6 +14,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from common.config_people import MOST_PEOPLE
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from common.vocabulary import ABSTAIN
 from hub.scene_state import is_waiting
@@ -53,7 +54,7 @@ class _Pending:
 class Anticipation:
     """Turns judgements and verdicts into early words. `certainty`: 0 to 1, at NEVER there are none.
 
-    Times are seconds of a clock that only advances.
+    Several people of a scene are anticipated each by themselves. Times are seconds of a clock that only advances.
     """
 
     def __init__(self, certainty: float) -> None:
@@ -62,14 +63,27 @@ class Anticipation:
         self._closed: OrderedDict[str, None] = OrderedDict()
         self._label_before: str | None = None
         self._current_id, self._remembered_label = "", ""
+        self._people: dict[str, Anticipation] = {}
 
     @property
     def open(self) -> tuple[EarlyWord, ...]:
         """The early words whose movements have not ended, the oldest first."""
-        return tuple(pending.word for pending in self._pending.values())
+        of_people = [word for person in self._people.values() for word in person.open]
+        return *(pending.word for pending in self._pending.values()), *of_people
 
     def update(self, message: JudgementMessage, now_s: float) -> list[EarlyWord]:
         """The words that a judgement or a verdict gives rise to."""
+        return (
+            self._update(message, now_s) if message.person is None else self._of(message.person)._update(message, now_s)
+        )
+
+    def _of(self, person: str) -> "Anticipation":
+        if person not in self._people and len(self._people) >= MOST_PEOPLE:
+            # Names can be invented.
+            self._people.clear()
+        return self._people.setdefault(person, Anticipation(self._certainty))
+
+    def _update(self, message: JudgementMessage, now_s: float) -> list[EarlyWord]:
         if isinstance(message, VerdictMessage):
             return [*self._settle(message, now_s), *self.expire(now_s)]
         movement = message.movement
@@ -91,7 +105,8 @@ class Anticipation:
             for pending in self._pending.values()
             if now_s - pending.unnamed_since_s > ENDED_S or now_s - pending.last_named_s > SILENT_S
         ]
-        return [self._end(word, "withdrawn", ABSTAIN, word.at_ns) for word in expired]
+        of_people = [word for person in self._people.values() for word in person.expire(now_s)]
+        return [*(self._end(word, "withdrawn", ABSTAIN, word.at_ns) for word in expired), *of_people]
 
     def _is_remembered(self, movement_id: str, label: str) -> bool:
         """Rule 4; if nothing was received from before the movement, the label counts as remembered."""

@@ -7,6 +7,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
+from observer.people_rows import detection_of, rows_of_people
+from observer.tracking.person_keeper import PersonKeeper
 from observer.tracks import Frame, Tracks
 
 LARGEST_COORDINATE = 1e12
@@ -68,3 +70,23 @@ class ForeignTracker:
         sure = frame.content[:, 2:] >= SEEN_CONFIDENCE
         positions = frame.content[:, :2].astype(np.float64)
         return Tracks(np.where(sure, positions, np.nan), np.where(sure, np.nan, positions))
+
+
+class ForeignPeople:
+    """A `Tracker` of several people, at most `most`, of frames as `ForeignTracker` reads them; recorded: their rows."""
+
+    def __init__(self, recorded: Sequence[str], most: int) -> None:
+        self.body_parts, self._rows = rows_of_people(recorded)
+        self._keeper, self.most = PersonKeeper(most), most
+
+    def update(self, frame: Frame) -> Tracks:
+        """The people who are seen, whichever of the rows they have in this frame."""
+        bodies = []
+        for rows in self._rows:
+            content = frame.content[rows]
+            centres = np.where(content[:, 2:] >= SEEN_CONFIDENCE, content[:, :2].astype(np.float64), np.nan)
+            body = detection_of(centres, centres[np.isfinite(centres).all(axis=1)])
+            bodies += [] if body is None else [body]
+        persons = self._keeper.update(bodies, frame.at_ns)
+        nobody = np.full((len(self.body_parts), 2), np.nan)
+        return Tracks(persons[0].centres if persons else nobody, persons=persons)

@@ -1,7 +1,7 @@
 """Recordings of several people in one room, as a view sees them. Pure.
 
-The parts of the first person have their usual names; those of the nth are called NAME@n. Who is nearer to the camera
-covers others: a part behind the trunk or the head of somebody else is not seen.
+Their rows are those of people_rows.py. Who is nearer to the camera covers others: a part behind the trunk or the head
+of somebody else is not seen.
 """
 
 from collections.abc import Sequence
@@ -10,32 +10,19 @@ import numpy as np
 
 from observer.geometry.projection import Floats, oriented, project
 from observer.geometry.views import View
+from observer.people_rows import detection_of, rows_of_people
 from observer.tracking.person_keeper import Detection, PersonKeeper
 from observer.tracks import Frame, Tracks
 
-MARK = "@"
 TRUNK_M, HEAD_M = 0.16, 0.12
 """Half the width of a trunk, as wide as half the shoulders of an adult; the radius of a head."""
-TALL = 1.15
-"""A person is so much taller than what is between head and feet; as much shorter parts stand for a whole body."""
-LEAST = 3
-"""Fewer parts are no person."""
-
-
-def has_several(body_parts: Sequence[str]) -> bool:
-    """Whether the parts are of several people."""
-    return any(MARK in part for part in body_parts)
 
 
 class ProjectedPeople:
     """A tracker of the recorded people, of at most `most`; recorded: names of the rows of a frame's content."""
 
     def __init__(self, view: View, recorded: Sequence[str], most: int) -> None:
-        self.body_parts = tuple(part for part in recorded if MARK not in part)
-        numbers = sorted({int(part.partition(MARK)[2]) for part in recorded if MARK in part})
-        names = [self.body_parts, *([f"{part}{MARK}{n}" for part in self.body_parts] for n in numbers)]
-        known = {part: row for row, part in enumerate(recorded)}
-        self._rows = [[known[part] for part in own] for own in names]
+        self.body_parts, self._rows = rows_of_people(recorded)
         self._view, self._keeper, self.most = view, PersonKeeper(most), most
 
     def update(self, frame: Frame) -> Tracks:
@@ -53,11 +40,7 @@ class ProjectedPeople:
         for m, other in enumerate(people):
             if m != n:
                 centres[self._covered(people[n], centres, other)] = np.nan
-        seen = centres[np.isfinite(centres).all(axis=1)]
-        if len(seen) < LEAST:
-            return None
-        u, v = (whole.min(axis=0) + whole.max(axis=0)) / 2
-        return Detection(centres, float(u), float(v), TALL * float(np.ptp(whole[:, 1])))
+        return detection_of(centres, whole)
 
     def _covered(self, own: Floats, centres: Floats, other: Floats) -> np.ndarray:
         """(P,) which parts are behind the trunk or the head of `other`."""

@@ -127,8 +127,8 @@ class PacedObserver(MeteredObserver):
             self._lost = 0
         self._held.hold, self._held.resting = not due, self._pace.quiet(at_ns)
         posterior = self._observer.step(frame)
-        if due and self._prepared.picture_tracks is not None:
-            self._pace.ran(at_ns, self._prepared.picture_tracks, self._held.cost_s)
+        if due and (tracks := self._prepared.tracks_of_all) is not None:
+            self._pace.ran(at_ns, tracks, self._held.cost_s)
         return posterior
 
     def _changed(self, frame: Frame) -> bool:

@@ -94,6 +94,12 @@ class PreparedTracker:
         """How many people the tracker follows."""
         return int(getattr(self.tracker, "most", 1))
 
+    @property
+    def tracks_of_all(self) -> Tracks | None:
+        """`picture_tracks`, or those of all people, one below the other."""
+        persons = () if self.all_tracks is None else self.all_tracks.persons
+        return Tracks(np.concatenate([person.centres for person in persons])) if persons else self.picture_tracks
+
     def persons(self) -> list[PersonTracks]:
         """The people of the newest frame, each as `update` returns the tracks of one."""
         each = () if self.all_tracks is None else self.all_tracks.persons

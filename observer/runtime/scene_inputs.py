@@ -26,7 +26,7 @@ from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.playback import RecordedMotion, Start
-from observer.motion.projected_people import has_several
+from observer.people_rows import has_several, of_people
 from observer.runtime.people_followed import people_followed
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.start_barrier import BARRIER, StartBarrier
@@ -108,13 +108,13 @@ def open_inputs(
     choice = chosen_tracker(section)
     kind = tracker_named(choice.name, f"{key}.tracker", content)
     pictures = kind.reads == "pictures"
+    most = people_followed(scene.people.most, len(scene.roster), view)
     if content == "tracks":
-        source: FrameSource = _tracks(scene, observer, report, wanted)
+        source: FrameSource = _tracks(scene, observer, report, wanted, most)
     else:
         source = _played(scene, observer, view, pictures, report, _start(environment, observer))
     if section.mirrored and not pictures:
         raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
-    most = people_followed(scene.people.most, len(scene.roster), view)
     settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth, most)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:
@@ -224,14 +224,16 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: S
     )
 
 
-def _tracks(scene: Scene, observer: str, report: Report, wanted: Sequence[str] | None) -> PipedTracks | MeshTracks:
+def _tracks(
+    scene: Scene, observer: str, report: Report, wanted: Sequence[str] | None, most: int
+) -> PipedTracks | MeshTracks:
     """Of the wanted parts, whatever their names: another program may follow more of the body, or other things."""
     source = scene.observer(observer).source
     if source == PHONE:
         name, way_out = f"phone {observer}", f"open the page of labanmesh phone {scene.file} {observer} on it"
         lines = LineTracks(name, report, body_parts=tuple(wanted or WHOLE_BODY), way_out=way_out)
         return MeshTracks(scene.keys.tracks(observer), lines)
-    wanted = tuple(wanted or BODY_PARTS)
+    wanted = of_people(wanted or BODY_PARTS, most)
     if source == STANDARD_INPUT:
         return PipedTracks(sys.stdin.buffer, LineTracks("standard input", report, body_parts=wanted))
     key = source.removeprefix(MESH_KEY)

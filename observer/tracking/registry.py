@@ -7,7 +7,7 @@ from common.errors import BadInput, LabanmeshError
 from common.plugins import plugin, plugins
 from common.text import nearest
 from common.tracker_choice import AUTO, Content, TrackerChoice
-from observer.foreign.track_line import ForeignTracker
+from observer.foreign.track_line import ForeignPeople, ForeignTracker
 from observer.geometry.views import facing
 from observer.motion.projected import ProjectedTracker
 from observer.motion.projected_people import ProjectedPeople
@@ -56,6 +56,8 @@ def _onnx(settings: TrackerSettings) -> Tracker:
 
 
 def _foreign(settings: TrackerSettings) -> Tracker:
+    if settings.most > 1:
+        return ForeignPeople(settings.recorded, settings.most)
     return ForeignTracker(settings.recorded)
 
 

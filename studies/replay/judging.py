@@ -57,6 +57,8 @@ def judge_again(
     change = change.in_place_of(summary.rule or capture.scene.fusion.rule)
     # Short votes are not exact; they are better than nothing.
     exact = summary.judgements and (summary.full or not summary.posteriors)
+    if capture.scene.people.most > 1:
+        raise LabanmeshError(f"{capture.path}: several people are judged in it, and only one can be judged again")
     chosen = source or ("judgements" if exact else "posteriors")
     if not (summary.judgements if chosen == "judgements" else summary.posteriors):
         raise LabanmeshError(f"{capture.path}: contains no {chosen}, so there is nothing to judge again")
