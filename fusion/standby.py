@@ -29,14 +29,17 @@ DECODE_EVERY_S = 1.0
 
 
 class StandbyListener:
-    """Receives the judgements and verdicts that other services publish in one scene, and keeps the last of each."""
+    """Receives the judgements and verdicts that other services publish in one scene, and keeps the last of each person.
+
+    Where several people are judged it decodes all messages: whose one is stands in it.
+    """
 
     def __init__(self, scene: Scene, link: Link) -> None:
         self._scene = scene
         self._session = link.sub_session(polled=True)
         self._inbox = self._session.inbox(scene.keys.judgement, scene.keys.verdict, remote=True)
-        self._judgement: bytes | None = None
-        self._verdict: bytes | None = None
+        self._judgements: dict[str, bytes] = {}
+        self._verdicts: dict[str, bytes] = {}
         self._decoded_s = float("-inf")
         self._warned = False
         self.foreign: JudgementMessage | None = None
@@ -51,10 +54,11 @@ class StandbyListener:
         otherwise one judgement per second.
         """
         self._session.poll()
+        every = every or self._scene.people.most > 1
         for arrival in self._inbox.take(0):
             kind = VerdictMessage if arrival.key == self._scene.keys.verdict else JudgementMessage
             if kind is JudgementMessage and not every and now_s - self._decoded_s < DECODE_EVERY_S:
-                self._judgement = arrival.payload
+                self._judgements[""] = arrival.payload
                 yield None
                 continue
             try:
@@ -73,24 +77,30 @@ class StandbyListener:
                 yield None
                 continue
             self._decoded_s = now_s
-            if kind is VerdictMessage:
-                self._verdict = arrival.payload
-            else:
-                self._judgement = arrival.payload
+            last = self._verdicts if kind is VerdictMessage else self._judgements
+            # Names can be invented.
+            if message.person is None or message.person in self._scene.people.ids:
+                last[message.person or ""] = arrival.payload
             yield message
 
     def checkpoint(self) -> Checkpoint | None:
         """The last published messages; None before the first one, or if they cannot be decoded."""
         try:
-            keys = self._scene.keys
-            verdict = None if self._verdict is None else decode_from(keys.verdict, VerdictMessage, self._verdict)
-            judgement: JudgementMessage | None = verdict
-            if self._judgement is not None:
-                judgement = decode_from(keys.judgement, JudgementMessage, self._judgement)
+            people = dict.fromkeys((*self._judgements, *self._verdicts))
+            first, *others = [self._checkpoint(person) for person in people] or [None]
         except BadMessage as error:
             log.warning("%s: the last messages of the owner cannot be used: %s", self._scene.scene, error)
             return None
-        return None if judgement is None else Checkpoint(judgement=judgement, verdict=verdict)
+        return first and first.model_copy(update={"people": tuple(filter(None, others))})
+
+    def _checkpoint(self, person: str) -> Checkpoint | None:
+        """Of one person, or of the only one; raises BadMessage."""
+        keys, judgement, verdict = self._scene.keys, self._judgements.get(person), self._verdicts.get(person)
+        decided = None if verdict is None else decode_from(keys.verdict, VerdictMessage, verdict)
+        judged: JudgementMessage | None = decided
+        if judgement is not None:
+            judged = decode_from(keys.judgement, JudgementMessage, judgement)
+        return None if judged is None else Checkpoint(judgement=judged, verdict=decided)
 
     def close(self) -> None:
         """End the subscriptions."""

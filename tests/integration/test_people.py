@@ -41,9 +41,10 @@ class Room:
         self._judgements, self._verdicts = self.hub.inbox(self.keys.judgement), self.hub.inbox(self.keys.verdict)
         mesh.run(self._publish)
 
-    def begin(self, service):
-        link = self.mesh.peer("standby")
-        self.services[service] = (*self.mesh.run(lambda stop: serve([self.scene], service, link, stop)), link)
+    def begin(self, service, shared=False):
+        link, scene = self.mesh.peer("standby"), self.scene
+        body = self.mesh.run(lambda stop: serve([scene], service, link, stop, shared=shared))
+        self.services[service] = (*body, link)
 
     def end(self, service):
         stop, thread, link = self.services.pop(service)
@@ -176,3 +177,20 @@ def test_late_joiners_get_the_last_judgement_of_each_person_and_all_verdicts_in_
     verdicts = [decode(VerdictMessage, payload) for _, payload in room.hub.ask_each(room.keys.verdict, SOON_S)]
     assert {verdict.person for verdict in verdicts} == {"left", "right"}
     assert [verdict.at_ns for verdict in verdicts] == sorted(verdict.at_ns for verdict in verdicts)
+
+
+def test_a_service_that_shares_the_scene_takes_over_both_movements(room):
+    """It does not judge while it stands by; it goes on from the last messages of the owner."""
+    fusion = room.scene.fusion.model_copy(update={"standby": (), "memory": ""})
+    room.scene = room.scene.model_copy(update={"fusion": fusion})
+    room.begin("a", shared=True)
+    room.judgement(of("right"))
+    room.begin("b", shared=True)
+    room.people = MOVING
+    ids = [verdict.id for verdict in room.verdicts(*DECIDED)]
+    room.judgement(lambda j: j.person == "right" and j.movement is not None and j.movement.id == ids[1])
+    owner = room.judgement(of("left")).fusion
+    room.end(owner)
+    room.judgement(lambda j: j.person == "right" and j.fusion != owner)
+    room.people = STANDING
+    assert [verdict.id for verdict in room.verdicts(*ENDED)] == ids
