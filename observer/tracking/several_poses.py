@@ -23,8 +23,8 @@ from observer.tracks import WHOLE_BODY, Frame, SeenPeople, Tracks
 
 SEARCH_S, LOOK_S = 0.3, 1.0
 """Time between two searches while somebody was lost or nobody is followed, and while all are followed who were seen."""
-SQUARES = 2
-"""Squares of the picture that a search looks at beside the whole picture."""
+FIRST, SQUARES = 8, 2
+"""Squares of the picture that a search looks at beside the whole picture: in the first picture, and later."""
 COVERED, TALL = 0.5, 1.2
 """Width and height of what covers somebody who is followed, in their height."""
 ONE = 0.25
@@ -79,7 +79,11 @@ class SeveralPoses:
         found = [(one, pose) for one in self._followed if (pose := self._pose(one, rgb, before_ms)) is not None]
         found = _once(found, size)
         if self._is_due(len(found)):
-            found += self._search(rgb, [pose.body for _, pose in found])
+            squares = SQUARES if self._searched_ms else FIRST
+            found += self._search(rgb, [pose.body for _, pose in found], squares)
+            if squares == FIRST and 0 < len(found) < self.most:
+                # Again, with those covered who hide others from the detector.
+                found += self._search(rgb, [pose.body for _, pose in found], squares)
         detections = [self._detection(one, pose, size) for one, pose in found]
         persons = self._keeper.update(detections, frame.at_ns)
         outlines = [Body(person.u, person.v, person.height).outline for person in persons]
@@ -112,14 +116,14 @@ class SeveralPoses:
         lost = found == 0 or any(one.body is not None and one.seen_ms < self._ms for one in self._followed)
         return self._searched_ms == 0 or self._ms - self._searched_ms >= 1000 * (SEARCH_S if lost else LOOK_S)
 
-    def _search(self, rgb: Rgb, known: Sequence[Body]) -> list[tuple[_Followed, Pose]]:
+    def _search(self, rgb: Rgb, known: Sequence[Body], squares: int) -> list[tuple[_Followed, Pose]]:
         """Who else is in the picture, each with a copy of the model that follows them from now on."""
         self._searched_ms, size = self._ms, (rgb.shape[1], rgb.shape[0])
         covers = [area_about(body, COVERED * body.height, size, TALL * body.height) for body in known]
         searched = rgb
         for cover in covers:
             searched = searched if cover is None else cover.covered(searched)
-        areas = [self._sweep.whole, *(area for _, area in self._sweep.next(SQUARES, None))]
+        areas = [self._sweep.whole, *(area for _, area in self._sweep.next(squares, None))]
         bodies = distinct([body for area in areas for body in self._followed[0].model.find(searched, area, self._ms)])
         return [each for body in bodies if (each := self._begin(rgb, body, known)) is not None]
 
