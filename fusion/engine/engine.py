@@ -144,7 +144,7 @@ class FusionEngine:
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`, for many scenes that are pooled together; `output_for` takes the result."""
-        return self._case(self._roster.posteriors(now_ns, self._records), now_ns)
+        return self._case(self._roster.posteriors(now_ns, self._records, self._rest.reliability), now_ns)
 
     def output_for(
         self, posteriors: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None

@@ -45,6 +45,7 @@ from fusion.engine.trust import (
     LEAST,
     OBSERVATION_S,
     TRUSTED,
+    among_contradicted,
     log_odds_of,
     nats_of,
     observed,
@@ -245,7 +246,7 @@ class RestPool(RestTrust):
         """The probability that the person is at rest."""
         trust = self.update(posteriors, now_ns)
         if min([posterior.reliability for posterior in posteriors]) < CONTRADICTED:
-            labels = [min(posterior.reliability / CONTRADICTED, 1.0) for posterior in posteriors]
+            labels = [among_contradicted(posterior.reliability) for posterior in posteriors]
             trust = [own * label for own, label in zip(trust, labels, strict=True)]
         rest = pooled_rest(posteriors, trust)
         if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR:

@@ -32,6 +32,7 @@ The design: fusion.md, "The roster".
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,9 +47,11 @@ from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
 from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
 from fusion.engine.trust import (
     HONEST,
+    LEAST,
     LEAST_VOTES,
     after_decision,
     after_message,
+    among_contradicted,
     overlap_of,
     published_trust,
 )
@@ -56,6 +59,7 @@ from fusion.engine.trust import (
 INTERVALS, SLOWEST_S = 2, 0.75
 """A posterior is fresh for so many usual intervals of its observer (rule 3), but at most for the time over which
 observers themselves take motion to go on (observer/motion/even_rate.py)."""
+NO_TRUST_LOST: Mapping[str, float] = {}
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -155,10 +159,24 @@ class Roster:
         digest, votes = counts.most_common(1)[0]
         return digest if 2 * votes > counts.total() else None
 
-    def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
-        """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""
+    def posteriors(
+        self,
+        now_ns: int,
+        records: Mapping[str, ObserverRecord] | None = None,
+        resting: Mapping[str, float] = NO_TRUST_LOST,
+    ) -> list[AgedPosterior]:
+        """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`.
+
+        resting: trust in what some say about rest.
+        """
         records, usual, aged = records or {}, self._usual(now_ns), self._aged
-        return [aged(name, state, now_ns, records.get(name, NO_RECORD), usual) for name, state in self._states.items()]
+        states = self._states.items()
+        result = [aged(name, state, now_ns, records.get(name, NO_RECORD), usual) for name, state in states]
+        for n, posterior in enumerate(result) if resting else ():
+            share = among_contradicted(resting.get(posterior.observer, 1.0))
+            if share < 1.0:
+                result[n] = replace(posterior, reliability=max(posterior.reliability * share, LEAST))
+        return result
 
     def _usual(self, now_ns: int) -> float:
         """P(honest) on the time channel of the upper median of those that are pooled: what most do is no fault."""

@@ -71,6 +71,8 @@ class Conditions:
         """The label that is, or was last, likely enough."""
         self._quiet: Quiet | None = None
         """Since when the movement in progress is not seen."""
+        self._contested: str | None = None
+        """The last label that would have been decided if no observer had voted for another one."""
         self._heard: Heard | None = None
         self._last_ns = 0
 
@@ -99,7 +101,8 @@ class Conditions:
         self._hold(state, self.state in ENDING and state.rest >= 0.5)
         if self.state is not SegmentState.IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
-        named = self._held_for(state.at_ns - state.longer_s * SECOND_NS)
+        met, named = self._held_for(state.at_ns), self._held_for(state.at_ns - state.longer_s * SECOND_NS)
+        self._contested = self._contested if met == named else met
         return SegmentStep(state, named, before, heard_ns, gap_ns)
 
     def _hear(self, state: PooledState) -> tuple[int, int]:
@@ -109,7 +112,7 @@ class Conditions:
         captured_ns = state.at_ns if state.newest_capture_ns is None else state.newest_capture_ns
         last_ns, since_ns = (captured_ns, None) if self._heard is None else self._heard
         if captured_ns - last_ns > OUTAGE_S * SECOND_NS:
-            since_ns, self._held = state.at_ns, None
+            since_ns, self._held, self._contested = state.at_ns, None, None
         self._heard = Heard(max(captured_ns, last_ns), since_ns)
         return last_ns, captured_ns - last_ns
 
@@ -159,8 +162,8 @@ class Conditions:
     def nameable(self, step: SegmentStep) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
         movement, at_ns, held, quiet, label = self.movement, step.state.at_ns, self._held, self._resting, step.named
-        if label is None and quiet is not None and quiet.since_ns == at_ns and held is not None and held.agreed_ns:
-            label = held.label
+        if label is None and quiet is not None and quiet.since_ns == at_ns and movement is not None:
+            label = held.label if held is not None and held.agreed_ns else self._contested
         if movement is None or label is None or self.is_short(at_ns, label) or step.gap_ns > HIDING_S * SECOND_NS:
             return None
         is_carried = movement.carried in (ANY, label) and at_ns - movement.began_ns < CARRIED_S * SECOND_NS

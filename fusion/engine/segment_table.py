@@ -53,7 +53,7 @@ class Effect(Enum):
     NOTHING = ""
     BEGIN = "begins"
     REST = "rests"
-    DROP = "no verdict"
+    DROP = "no verdict, or ended with a label that was only contested"
     MISS = "may have ended"
     CONFIRM = "goes on"
     DECIDE = "decided"

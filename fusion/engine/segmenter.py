@@ -6,18 +6,17 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
 1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is none;
    nor is it, with the label of the one before, if it lasts for less than half of that label's shortest take, less
    NOTICED_S at its begin: it is the end of that one, after a pause.
-2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
-   without a break, for `hold_s`, or NOTICED_S longer where an observer votes for another one; or as soon as the person
-   comes to rest, because waiting would show nothing more.
+2. A label is decided when it has been `threshold` likely, with the votes of `quorum` observers, without a break, for
+   `hold_s`, or NOTICED_S longer where one votes for another label; or, however contested, as soon as the person rests.
 3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
    decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
 4. The movement ends when rest has been beyond doubt for `hold_s`, at the time when that rest began. Rest in which
    observers contradict each other ends it after PAUSE_S: one of them may have taken a turn of the movement for rest.
 5. An undecided movement that ends waits up to another `hold_s` for a label that meets the demand but not yet for long
-   enough. Without one it is an abstention. One that turns into something else was none, and gets no verdict.
-6. If another label met rule 2 when the person came to rest, it replaces the decided one (a revision): the observers
-   have then seen the whole movement. If something else had been `threshold` likely for NOTICED_S, that is an
-   abstention. A movement is revised at most REVISIONS_LIMIT times; its end repeats the last label.
+   enough. Without one it is an abstention. One that turns into something else was none, unless a label was contested.
+6. If another label met rule 2 when the person came to rest, it replaces the decided one (a revision). If something else
+   had been `threshold` likely for NOTICED_S, that is an abstention. There are at most REVISIONS_LIMIT; the end repeats
+   the last label.
 7. Without rest, a decided movement also ends when its label has been neither likeliest nor half as likely as demanded
    for FADING times `hold_s`, or while the person does something else for PAUSE_S; and when another label meets rule 2
    that began to do so NOTICED_S after the begin, or after something else: the next movement. One that began earlier and
@@ -25,11 +24,10 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
 8. A periodic label is one movement for as long as it is repeated: rest and something else end it only after the pause
    of `pauses_of`, when the last repetition was seen. Any other label is a new movement each time.
 9. After an outage, in which no posterior was pooled for OUTAGE_S, an undecided movement begins afresh with the next
-   motion, and what was held before is not of the next one (rule 3). If the person rests, the label held decides it; but
-   after HIDING_S that may be of a later one: an abstention. A decided movement ends when it was seen last before the
-   outage, unless its label is held again; after ENDING_S at once.
+   motion (rule 3). If the person rests, the label held decides it; after HIDING_S that is an abstention. A decided
+   movement ends when it was seen last before the outage, unless its label is held again; after ENDING_S at once.
 10. While observers of the roster have not begun, a movement is `early`: as an abstention it is none. The wait is over
-    for good when each has sent something, or so long after the first posterior as `begin_start` says.
+    for good when each has sent something, or as long after the first posterior as `wait` says.
 11. A service that follows another one takes its movement and decision; which label is held is its own observation.
 12. After the clock was set back everything but the wait of rule 10 begins afresh.
 """
@@ -189,13 +187,13 @@ class Segmenter(Conditions):
         return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
 
     def _finish(self) -> None:
-        self.state, self.movement, self._quiet = SegmentState.IDLE, None, None
+        self.state, self.movement, self._quiet, self._contested = SegmentState.IDLE, None, None, None
 
     def _begin(self, at_ns: int) -> MovementProgress:
         carried = carried_label(self._held, self._heard, at_ns)
-        self.movement, self._quiet = MovementProgress(at_ns, None, carried, self._start is not None), None
+        self.movement = MovementProgress(at_ns, None, carried, self._start is not None)
+        self._quiet = self._contested = None
         if self._held is not None and self._held.agreed_ns is not None:
-            # The hold of its label begins, too.
             self._held = self._held._replace(agreed_ns=max(at_ns, self._held.agreed_ns))
         return self.movement
 
@@ -226,6 +224,9 @@ class Segmenter(Conditions):
         since_ns = at_ns if self.pause is None or quiet is None else quiet.since_ns
         self._quiet = Quiet(since_ns, at_ns if step.state.rest >= CLEAR_REST else None)
         return ()
+
+    def _drop(self, step: SegmentStep) -> Published:
+        return () if self._contested is None else self._end(step, self._contested, None)
 
     def _miss(self, step: SegmentStep) -> Published:
         if self.movement is not None and self.decision is not None:
@@ -288,7 +289,7 @@ EFFECTS: Mapping[Effect, Callable[[Segmenter, SegmentStep], Published]] = {
     Effect.NOTHING: lambda *_: (),
     Effect.BEGIN: Segmenter._begin_now,
     Effect.REST: Segmenter._rest,
-    Effect.DROP: lambda *_: (),
+    Effect.DROP: Segmenter._drop,
     Effect.MISS: Segmenter._miss,
     Effect.CONFIRM: Segmenter._confirm,
     Effect.DECIDE: Segmenter._decide,

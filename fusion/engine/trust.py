@@ -43,6 +43,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
+from common.message_types import CONTRADICTED
 from common.messages import VerdictMessage
 from common.probability import Floats
 from common.vocabulary import ABSTAIN, Vocabulary
@@ -111,6 +112,14 @@ def log_odds_of(honest: float) -> float:
 def honest_of(log_odds: float) -> float:
     """The inverse of `log_odds_of`."""
     return observed(HONEST, log_odds)
+
+
+def among_contradicted(trust: float) -> float:
+    """By how much less an observer counts on the other channels that is trusted so little on one that it is named.
+
+    One that the others contradict so far may be hostile.
+    """
+    return min(trust / CONTRADICTED, 1.0)
 
 
 def odds_of_fault(trust: float) -> float:

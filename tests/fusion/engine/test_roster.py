@@ -323,6 +323,15 @@ def test_an_observer_that_contradicts_itself_is_trusted_less_as_far_as_others_ar
     assert first.reliability < 0.4
 
 
+@pytest.mark.parametrize(
+    ("resting", "trust"), [({}, 1.0), ({"cam1": 0.7}, 1.0), ({"cam1": 0.3}, 0.5), ({"cam2": 0.3}, 1.0)]
+)
+def test_one_that_is_named_for_what_it_says_about_rest_counts_less_about_labels(resting, trust):
+    cam = Cam1(message())
+    first, _ = cam.roster.posteriors(NOW, {"cam1": ObserverRecord(honest=HONEST)}, resting)
+    assert first.reliability == pytest.approx(trust) and first.p == pytest.approx(P)
+
+
 @pytest.mark.parametrize("gone", [True, False], ids=["disappeared", "dropped"])
 def test_a_course_is_compared_with_observers_that_are_pooled(gone):
     cam, now_ns = jumping(0.05)

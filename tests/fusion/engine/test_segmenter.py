@@ -76,6 +76,18 @@ def test_2_but_not_beyond_the_movement():
     assert [(n, each.label) for n, published in enumerate(steps) for each in published][:1] == [(4, "bow")]
 
 
+@pytest.mark.parametrize("after", [("bow", 0.5, 0.1, 0.0), ("bow", 0.5, 0.9, 0.0), ("bow", 0.1, 0.1, 0.9)])
+def test_2_a_label_that_was_only_contested_is_not_lost_when_it_fades(after):
+    """It meets the demand for six steps; then the movement goes on without it, rests, or becomes something else."""
+    segmenter, published = Segmenter(CONFIG, NAMES), []
+    for n in range(30):
+        label, p, rest_p, unlearned = ("bow", 0.9, 0.1, 0.0) if n < 6 else after if n < 16 else ("bow", 0.5, 0.9, 0.0)
+        state = PooledState(n * STEP_NS, label, p, 2, rest_p, unlearned, contested=n < 6)
+        published += [(n, each.label, each.stage) for each in segmenter.update(state)]
+    assert [(label, stage) for _, label, stage in published][-1] == ("bow", "ended")
+    assert {label for _, label, _ in published} == {"bow"}
+
+
 TWO_LABELS_IN_TURN = [*rest(1), *[*sure_at_rest(1), *sure_at_rest(1, "lunge")] * 9]
 CASES = {
     "published when decided and when ended": (
