@@ -199,8 +199,6 @@ def segment_window(trace: Floats32, length: int) -> Floats32:
     places = trace[:, :-3] * size
     steps = np.zeros((len(trace), 2), np.float32)
     steps[1:] = (trace[1:, -3:-1] - trace[:-1, -3:-1]) * size[1:]
-    path = np.cumsum(steps, axis=0)
-    for axis in (0, 1):
-        places[:, axis::2] += path[:, axis, None]
+    places.reshape(len(trace), -1, 2)[...] += np.cumsum(steps, axis=0)[:, None]
     result: Floats32 = resampled(places, length).T
     return result

@@ -17,12 +17,10 @@ from observer.preview.film import CODECS, STILLS, Film, Outlet, Stills, Window, 
 from observer.preview.painting import paint
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory, ShownPosterior
 from observer.runtime.pipeline import Posterior
-from observer.runtime.service import ObserverLike
+from observer.runtime.service import ObserverAround, ObserverLike
 from observer.tracks import Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
-    from common.message_types import BodyRegionShares
-    from common.vocabulary import Vocabulary
     from observer.runtime.prepared_tracker import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
@@ -123,8 +121,8 @@ class PreviewThread:
             log.warning("preview: %s", error)
 
 
-class PreviewingObserver:
-    """An `ObserverLike` that performs each step of another observer and shows it.
+class PreviewingObserver(ObserverAround):
+    """Performs each step of another observer and shows it.
 
     tracker: the one that the observer steps. The first frame decides whether there are pictures or motion alone.
     """
@@ -137,24 +135,10 @@ class PreviewingObserver:
         history: PreviewHistory,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._observer, self._tracker, self._preview = observer, tracker, preview
+        super().__init__(observer)
+        self._tracker, self._preview = tracker, preview
         self._history, self._clock = history, clock
         self._shown: Tracks | None = None
-
-    @property
-    def vocabulary(self) -> "Vocabulary | None":
-        """The vocabulary of the observer."""
-        return self._observer.vocabulary
-
-    @property
-    def leans_on(self) -> "BodyRegionShares | None":
-        """What the observer's model leans on."""
-        return self._observer.leans_on
-
-    @property
-    def complaint(self) -> str:
-        """The complaint of the observer."""
-        return self._observer.complaint
 
     def step(self, frame: Frame) -> Posterior | None:
         """Let the observer process one frame, then show it unless it was skipped or a newer one replaces it."""
@@ -176,10 +160,6 @@ class PreviewingObserver:
             )
             self._preview.show(picture, shown)
         return posterior
-
-    def end(self) -> Posterior | None:
-        """The posterior of the observer now that the source has ended."""
-        return self._observer.end()
 
 
 def picture_in(content: NDArray[Any]) -> Picture | None:

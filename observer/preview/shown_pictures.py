@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Protocol
 
-import numpy as np
-
 from common import SECOND_NS
 from common.config import Scene
 from common.errors import LabanmeshError
@@ -16,15 +14,14 @@ from observer.preview.clips import VerdictClips
 from observer.preview.live_picture import LivePicture
 from observer.preview.posture_outlet import PostureOutlet
 from observer.preview.screen import picture_in
+from observer.preview.sight import MotionExtent
 from observer.preview.small_picture import Sighting
 from observer.runtime.pipeline import Posterior
-from observer.runtime.service import ObserverLike
-from observer.tracks import Floats, Frame, Tracks
+from observer.runtime.service import ObserverAround, ObserverLike
+from observer.tracks import Frame, Tracks
 
 if TYPE_CHECKING:
     from common.link import Link
-    from common.message_types import BodyRegionShares
-    from common.vocabulary import Vocabulary
     from observer.runtime.prepared_tracker import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
@@ -76,8 +73,8 @@ def shown_pictures(
         yield PicturedObserver(observer, tracker, outlets) if outlets else observer
 
 
-class PicturedObserver:
-    """An `ObserverLike` that performs each step of another observer, and gives its pictures to outlets.
+class PicturedObserver(ObserverAround):
+    """Performs each step of another observer, and gives its pictures to outlets.
 
     tracker: the one that the observer steps. An outlet that fails is dropped with one line in the log.
     """
@@ -89,25 +86,11 @@ class PicturedObserver:
         outlets: Sequence[PictureOutlet],
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._observer, self._tracker, self._outlets, self._clock = observer, tracker, list(outlets), clock
-        self._extent: Floats | None = None
+        super().__init__(observer)
+        self._tracker, self._outlets, self._clock = tracker, list(outlets), clock
+        self._extent = MotionExtent(MOTION_MARGIN)
         self._before: Tracks | None = None
         self._shown_ns = 0
-
-    @property
-    def vocabulary(self) -> "Vocabulary | None":
-        """The vocabulary of the observer."""
-        return self._observer.vocabulary
-
-    @property
-    def leans_on(self) -> "BodyRegionShares | None":
-        """What the observer's model leans on."""
-        return self._observer.leans_on
-
-    @property
-    def complaint(self) -> str:
-        """The complaint of the observer."""
-        return self._observer.complaint
 
     def step(self, frame: Frame) -> Posterior | None:
         """Let the observer process one frame, then show it to the outlets that want one."""
@@ -116,21 +99,17 @@ class PicturedObserver:
         if tracks is None:
             return posterior
         if frame.content.ndim != 3:
-            self._widen(tracks)
+            self._extent.widen(tracks.centres)
         due = [outlet for outlet in self._outlets if outlet.is_due(now_ns)]
         # The tracks at a picture that the observer skipped are those of an earlier one.
         skipped, self._before = posterior is None and tracks is self._before, tracks
         if due and not (skipped and now_ns - self._shown_ns < LONGEST_NS):
             self._shown_ns = now_ns
             parts = self._tracker.tracker.body_parts
-            sighting = Sighting(picture_in(frame.content), tracks, parts, frame.captured_ns, self._extent)
+            sighting = Sighting(picture_in(frame.content), tracks, parts, frame.captured_ns, self._extent.corners)
             for outlet in due:
                 self._show(outlet, sighting, now_ns)
         return posterior
-
-    def end(self) -> Posterior | None:
-        """The posterior of the observer now that the source has ended."""
-        return self._observer.end()
 
     def _show(self, outlet: PictureOutlet, sighting: Sighting, now_ns: int) -> None:
         try:
@@ -138,14 +117,3 @@ class PicturedObserver:
         except LabanmeshError as error:
             self._outlets.remove(outlet)
             log.warning("no more pictures: %s", error)
-
-    def _widen(self, tracks: Tracks) -> None:
-        """Grow the extent of motion without pictures; it never shrinks, so that the scale stays steady."""
-        known = tracks.centres[np.isfinite(tracks.centres).all(axis=1)]
-        if not len(known):
-            return
-        margin = MOTION_MARGIN * np.ptp(known, axis=0).max()
-        corners = np.array([known.min(axis=0) - margin, known.max(axis=0) + margin])
-        if self._extent is not None:
-            corners = np.array([np.minimum(corners[0], self._extent[0]), np.maximum(corners[1], self._extent[1])])
-        self._extent = corners

@@ -72,6 +72,29 @@ class PreviewFrame:
     complaint: str = ""
 
 
+class MotionExtent:
+    """The extent of all motion so far; it never shrinks, so that the scale of the picture stays steady.
+
+    margin: about the motion, as a share of the person's extent. corners: (2, 2); None before any motion was seen.
+    """
+
+    def __init__(self, margin: float) -> None:
+        self._margin, self._person_size = margin, 0.0
+        self.corners: Floats | None = None
+
+    def widen(self, centres: Floats) -> None:
+        """Take in (P, 2) centres, NaN where not seen."""
+        seen = centres[np.isfinite(centres).all(axis=1)]
+        if not len(seen):
+            return
+        self._person_size = max(self._person_size, float(np.linalg.norm(seen[:, None] - seen[None], axis=-1).max()))
+        margin = self._margin * self._person_size
+        corners = np.array([seen.min(axis=0) - margin, seen.max(axis=0) + margin])
+        if self.corners is not None:
+            corners = np.array([np.minimum(corners[0], self.corners[0]), np.maximum(corners[1], self.corners[1])])
+        self.corners = corners
+
+
 class PreviewHistory:
     """Remembers the last frames, and makes a PreviewFrame of each new one.
 
@@ -83,8 +106,7 @@ class PreviewHistory:
         self._reader = SpaceReader(self._body_parts, STILL, max(1, round(OVER_S * rate_hz)))
         self._symbols: deque[Symbols] = deque(maxlen=SYMBOL_FRAMES)
         self._trail: deque[Floats] = deque(maxlen=TRAIL)
-        self._extent: Floats | None = None
-        self._person_size = 0.0
+        self._extent = MotionExtent(PERSON_MARGIN)
         self._frames = 0
 
     def add(
@@ -99,14 +121,14 @@ class PreviewHistory:
         """Add the next frame; arguments as in `PreviewFrame`."""
         self._symbols.append(self._reader.update(tracks))
         self._trail.append(tracks.centres)
-        self._widen(tracks.centres)
+        self._extent.widen(tracks.centres)
         self._frames += 1
         return PreviewFrame(
             tracks,
             self._body_parts,
             np.array(self._trail),
             np.array(self._symbols),
-            self._extent,
+            self._extent.corners,
             back_projection,
             posterior,
             self._title,
@@ -114,16 +136,3 @@ class PreviewHistory:
             age_s,
             complaint,
         )
-
-    def _widen(self, centres: Floats) -> None:
-        """Grow the extent; it never shrinks, so that the scale of the picture stays steady."""
-        finite = centres[np.isfinite(centres).all(axis=1)]
-        if not len(finite):
-            return
-        size = float(np.linalg.norm(finite[:, None] - finite[None], axis=-1).max())
-        self._person_size = max(self._person_size, size)
-        margin = PERSON_MARGIN * self._person_size
-        corners = np.array([finite.min(axis=0) - margin, finite.max(axis=0) + margin])
-        if self._extent is not None:
-            corners = np.array([np.minimum(corners[0], self._extent[0]), np.maximum(corners[1], self._extent[1])])
-        self._extent = corners

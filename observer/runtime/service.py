@@ -129,11 +129,11 @@ class ObserverLike(Protocol):
         """The posterior now that the source has ended; None if it shows nothing new."""
 
 
-class MeteredObserver:
-    """An `ObserverLike` that complains while it is too slow for its source."""
+class ObserverAround:
+    """All of an `ObserverLike` around another one but its step."""
 
-    def __init__(self, observer: ObserverLike, meter: LoadMeter) -> None:
-        self._observer, self._meter = observer, meter
+    def __init__(self, observer: ObserverLike) -> None:
+        self._observer = observer
 
     @property
     def vocabulary(self) -> Vocabulary | None:
@@ -147,6 +147,23 @@ class MeteredObserver:
 
     @property
     def complaint(self) -> str:
+        """The complaint of the observer."""
+        return self._observer.complaint
+
+    def end(self) -> Posterior | None:
+        """The posterior of the observer now that the source has ended."""
+        return self._observer.end()
+
+
+class MeteredObserver(ObserverAround):
+    """Complains while the observer is too slow for its source."""
+
+    def __init__(self, observer: ObserverLike, meter: LoadMeter) -> None:
+        super().__init__(observer)
+        self._meter = meter
+
+    @property
+    def complaint(self) -> str:
         """That the observer is too slow, which explains much else; or its own complaint."""
         return self._meter.complaint or self._observer.complaint
 
@@ -155,10 +172,6 @@ class MeteredObserver:
         if not frame.repeated:
             self._meter.record(frame.captured_ns, frame.skipped)
         return self._observer.step(frame)
-
-    def end(self) -> Posterior | None:
-        """The posterior now that the source has ended."""
-        return self._observer.end()
 
 
 def serve(
