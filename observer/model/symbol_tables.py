@@ -54,10 +54,6 @@ def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
     return evidence
 
 
-LEAST_LOG, ROUND_OFF = -1e4, 1e-6
-"""Bounds of the logarithm of a probability; sums of lower ones would no longer be exact."""
-
-
 class FrameClock:
     """P(M_n+1 | i_1:n+1 b_1:n+1) proportional to P(M_n) P(b_n+1 | M i_n+1), from a uniform P(M) (section IV.B, (6)).
 
@@ -122,8 +118,8 @@ class FrameTable:
         mean_frames = float(arrays["mean_frames"])
         shape = (header.vocabulary.size, int(header.parameters["bins"]), len(header.body_parts), VECTOR_SYMBOLS)
         log_table = array_in(arrays, "log_table", shape, np.float64)
-        if log_table.max() > ROUND_OFF or log_table.min() < LEAST_LOG:
-            raise ValueError(f"log_table holds logarithms of probabilities, {LEAST_LOG:g} to 0")
+        if not np.allclose(np.logaddexp.reduce(log_table, axis=-1), 0.0):
+            raise ValueError("log_table holds logarithms of probabilities whose sum is not 1")
         if not 1 <= mean_frames < 1e9:
             raise ValueError(f"mean_frames is {mean_frames:g}, a mean number of frames is expected")
         return cls(header, log_table, mean_frames)
