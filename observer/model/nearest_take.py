@@ -79,13 +79,13 @@ class NearestTakes:
 
     def _scales(self, traces: Sequence[Floats32]) -> Floats:
         """(M,) by leaving out one take at a time."""
-        nearest: list[list[float]] = [[] for _ in self.scales]
-        for k in range(len(traces)):
-            own = self.movements == self.movements[k]
-            own[k] = False
-            if own.any():
-                watch = NearestTakeWatch(self, traces[k])
-                nearest[self.movements[k]].append(float(watch.distances[own].min()))
+        nearest = list[list[float]]()
+        for movement in range(len(self.scales)):
+            rows = np.flatnonzero(self.movements == movement)
+            own = NearestTakes(self.paths[rows], self.lengths[rows], self.movements[rows], self.scales, self.hop)
+            # To itself a take has the distance 0.
+            distances = (np.delete(NearestTakeWatch(own, traces[k]).distances, n) for n, k in enumerate(rows.tolist()))
+            nearest.append([float(others.min()) for others in distances if len(others)])
         usual = _shrunk([distance for distances in nearest for distance in distances], USUAL_DISTANCE)
         return np.array([_shrunk(distances, usual) for distances in nearest])
 
