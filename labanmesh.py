@@ -71,6 +71,7 @@ VERBS = {
     "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
     "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
     "score": Verb("studies.scoring.commands", "score", "score performances against takes that show how it is done"),
+    "completion": Verb("deploy.completion.commands", "completion", "print a script by which Tab completes commands"),
     "new": Verb("deploy.new_package.commands", "new", "write a package of your own: observer, hub or fusion rule"),
 }
 

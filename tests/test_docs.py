@@ -13,7 +13,7 @@ import pytest
 import typer
 from doc_pages import DOCS, ROOT, blocks
 from message_fields_of import field_names
-from public_surface import MESSAGES, MODELS, REWRITE, SURFACE, surface
+from public_surface import COMPLETION, MESSAGES, MODELS, REWRITE, SURFACE, completion, surface
 from pydantic_core import PydanticUndefined
 from source_imports import ROOMS
 
@@ -238,6 +238,7 @@ def test_the_schemas_are_those_of_the_models(name):
 
 def test_the_command_line_is_the_one_that_is_written_down():
     assert SURFACE.read_text("utf-8").splitlines() == surface().splitlines(), REWRITE
+    assert COMPLETION.read_text("utf-8") == completion(), REWRITE
 
 
 def fields_in(text):

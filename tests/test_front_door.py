@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 from typing import Annotated
@@ -103,6 +104,27 @@ def test_the_old_name_of_a_verb_still_answers_with_one_line(run, old, new):
 @pytest.mark.parametrize(("verb", "option"), OTHER_FORMS)
 def test_the_help_of_a_verb_names_the_option_that_turns_it_into_another(run, verb, option):
     assert option in run(verb, "--help")[1]
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("labanmesh ca", {"camera", "capture"}),
+        ("labanmesh camera ", {"look", "calibrate", "place", "record"}),
+        ("labanmesh camera look --fr", {"--frames"}),
+        ("labanmesh evaluate msr.npz --pa", {"--parameter", "--paper"}),
+        ("labanmesh up ", set()),
+        ("labanmesh up --e", {"--exit-when-done"}),
+    ],
+)
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_tab_completes_verbs_and_options_in_bash(run, typed, offered):
+    words = typed.split(" ")
+    script = run("completion")[1] + (
+        f"COMP_WORDS=({' '.join(words[:-1])} '{words[-1]}'); COMP_CWORD={len(words) - 1}; _labanmesh; "
+        'echo "${COMPREPLY[@]}"'
+    )
+    assert {*process("bash", "-c", script).stdout.split()} == offered
 
 
 def test_help_flows_and_keeps_words_in_brackets(run, verb):

@@ -61,6 +61,7 @@ JOBS = (
     Job("fuse", "fuse room.toml", line="serving room", ended=True),
     Job("doctor", "doctor room.toml --for 0.5", line="room"),
     Job("doctor --ready", "doctor --ready room.toml --process sofa", status=1, line="not on the mesh"),
+    Job("completion", "completion zsh", line="complete -o default"),
     Job("new", "new hub lamp", line="pip install -e"),
     Job("secure", "secure init room.toml --to secured", line="labanmesh secure add"),
     Job("router", "router tcp/127.0.0.1:0", line="listening on", ended=True),

@@ -1,10 +1,11 @@
 """The public surface, written down: every verb with its options, and the schemas of the messages and the scene file.
 
-`make surface` rewrites docs/reference/surface.txt and docs/reference/schema. A test compares them with the code: no
-change of the surface goes unnoticed.
+`make surface` rewrites docs/reference/surface.txt, docs/reference/schema and the completion script. A test compares
+them with the code: no change of the surface goes unnoticed.
 """
 
 import json
+import re
 from typing import get_args
 
 import typer
@@ -17,6 +18,7 @@ from common.fall_messages import FallMessage, PostureMessage
 from common.picture_message import PictureMessage
 
 SURFACE = ROOT / "docs" / "reference" / "surface.txt"
+COMPLETION = ROOT / "deploy" / "completion" / "labanmesh.bash"
 SCHEMAS = ROOT / "docs" / "reference" / "schema"
 REWRITE = "if that is meant: make surface, and a line in CHANGELOG.md"
 MESSAGES = {
@@ -56,6 +58,43 @@ def parameter_line(parameter):
     return " ".join(words)
 
 
+BASH = """\
+# Made by `make surface`; labanmesh completion prints it.
+_labanmesh() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}} first=${{COMP_WORDS[1]}} second=${{COMP_WORDS[2]}} words=
+    if [ "$COMP_CWORD" -eq 1 ]; then
+        words="{verbs}"
+    else
+        case "$first $second" in
+{cases}
+        esac
+    fi
+    # Without a word of ours the shell completes the name of a file.
+    case $words in -*) case $word in -*) ;; *) words= ;; esac ;; esac
+    COMPREPLY=($(compgen -W "$words" -- "$word"))
+}}
+complete -o default -F _labanmesh labanmesh
+"""
+
+
+def completion():
+    """The completion script for bash. An option of a form, such as `evaluate --paper`, is offered after the verb."""
+    cases, verbs = [], {}
+    for line in surface().splitlines():
+        words = line.split()
+        if line.startswith("labanmesh") and "=" not in words:
+            verb, *more = words[1:]
+            inner = more[0] if more and not more[0].startswith("-") else ""
+            options = verbs.setdefault(verb, {}).setdefault(inner, {})
+        elif line.startswith("    -"):
+            options.update(dict.fromkeys(re.findall(r"(?<!\S)--?[a-z][\w-]*", line)))
+    for verb, inners in verbs.items():
+        cases += [f'            "{verb} {inner}") words="{" ".join(inners[inner])}" ;;' for inner in inners if inner]
+        words = " ".join(inner for inner in inners if inner) or " ".join(inners[""])
+        cases.append(f'            "{verb} "*) words="{words}" ;;')
+    return BASH.format(verbs=" ".join(verbs), cases="\n".join(cases))
+
+
 def schema_text(name):
     """The JSON Schema of a message or of the scene file."""
     return json.dumps(MODELS[name].model_json_schema(), indent=2) + "\n"
@@ -63,5 +102,6 @@ def schema_text(name):
 
 if __name__ == "__main__":
     SURFACE.write_text(surface(), encoding="utf-8")
+    COMPLETION.write_text(completion(), encoding="utf-8")
     for model in MODELS:
         (SCHEMAS / f"{model}.json").write_text(schema_text(model), encoding="utf-8")

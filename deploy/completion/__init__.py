@@ -1,0 +1,1 @@
+"""`labanmesh completion`: what Tab completes in a shell."""
