@@ -19,7 +19,7 @@ _labanmesh() {
             "secure rules") words="--credentials --listen --to" ;;
             "secure "*) words="init add renew revoke list rules" ;;
             "router "*) words="--scene --config" ;;
-            "teach "*) words="--takes --background-minutes --person --add --seconds --countdown --test --no-test --alarm-minutes --begin --beep --no-beep --up --rehearse --was --learn --earlier --restore --film --observer" ;;
+            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --beep --no-beep --up --rehearse --was --learn --earlier --restore --film --observer" ;;
             "watch "*) words="--json --for" ;;
             "count "*) words="--target --once --json --for" ;;
             "capture "*) words="--output -o --for" ;;
