@@ -172,7 +172,8 @@ def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path):
     assert not isinstance(caught.value, MissingSceneFile)
 
 
-def test_observers_are_examined_in_a_process_of_their_own(tmp_path):
+def test_observers_are_examined_in_a_process_of_their_own(tmp_path, monkeypatch):
+    monkeypatch.setattr("deploy.doctor.scene_file.PREFLIGHT_S", SOON_S)
     path = tmp_path / "s.toml"
     clips = '[observers.a.clips]\nfolder = "s.toml/x"\n'
     first = '[observers.a]\nsource = "m.npz"\nview = "dor"\n'

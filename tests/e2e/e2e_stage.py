@@ -13,7 +13,7 @@ from common.wire import decode
 MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
 PERFORMED = ("byebye", "nthrow")
 VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}
-SOON_S = 60.0
+SOON_S = 120.0
 
 
 def run(folder, *words, timeout_s=SOON_S):
