@@ -124,8 +124,8 @@ def test_a_model_of_few_takes_names_its_movements_and_nothing_else(tmp_path):
     for one in (model, read_model(tmp_path / "sofa.model")):
         for movement, direction in enumerate((UP, ASIDE)):
             watch = watched(one, direction)
-            assert (1 - watch.unlearned.sum()) * watch.p[movement] > 0.6
-        assert watched(one, -UP).unlearned.sum() > 0.55
+            assert (1 - watch.unlearned.sum()) * watch.p[movement] > 0.7
+        assert watched(one, -UP).unlearned.sum() > 0.6
     assert model.header.provenance["right"] == model.header.provenance["tried"] == "6"
 
 
