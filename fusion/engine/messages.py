@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -43,7 +44,7 @@ class Ballot:
     """The votes, the pooled posterior, and how many votes agree with its likeliest label.
 
     entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
-    contested: whether an observer votes for another label.
+    contested: whether an observer votes for another label, or for something else.
     """
 
     votes: dict[str, Vote]
@@ -111,9 +112,8 @@ class JudgementBuilder:
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
-        agreeing = labels.count(fused)
-        contested = agreeing + labels.count(None) < len(labels)
-        agreement = _agreement(agreeing, len(labels))
+        agreement = _agreement(labels.count(fused), len(labels))
+        contested = agreement.k < agreement.n and any(map(_contests, posteriors, p, votes.values(), repeat(fused)))
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement, contested)
 
     def _entropies(self, rows: Floats) -> list[float]:
@@ -182,6 +182,14 @@ class JudgementBuilder:
         if unlearned and unlearned > top * (1.0 - unlearned):
             return False
         return top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
+
+
+def _contests(posterior: AgedPosterior, p: list[float], vote: Vote, fused: str) -> bool:
+    """Whether an observer votes for another label than `fused`, or finds something else likelier than any."""
+    if vote.label is not None:
+        return vote.label != fused
+    unlearned = posterior.unlearned or 0.0
+    return vote.p is not None and unlearned > max(p) * (1.0 - unlearned) + LABEL_MARGIN
 
 
 @cache

@@ -88,6 +88,23 @@ def test_facets_change_five_times_a_second_and_those_of_a_verdict_are_of_its_own
     assert scene.verdicts[0].facets["effort_time"][1] < 0.2
 
 
+@pytest.mark.parametrize(
+    ("other", "unlearned", "steps"),
+    [("bow", 0.1, 4), ("punch", 0.1, 7), ("bow", 0.5, 7), (None, 0.1, 4)],
+    ids=["agrees", "another label", "something else", "no opinion"],
+)
+def test_a_label_that_one_of_four_contests_is_decided_later(other, unlearned, steps):
+    scene, count = EngineDriver(), 0
+    while not scene.verdicts and (count := count + 1) < 20:
+        scene.tick()
+        for name in VIEWS:
+            is_last = name == VIEWS[-1]
+            p = sure("bow", 0.96) if not is_last else sure(other, 0.6) if other else UNIFORM
+            scene.publish(name, p, MOVING, unlearned=unlearned if is_last else 0.05)
+        scene.fuse()
+    assert scene.labels == ["bow"] and count == steps
+
+
 def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too():
     scene, standby = EngineDriver(quorum=2), EngineDriver(quorum=2)
     for label in ("bow", "punch") * 4:
