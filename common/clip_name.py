@@ -8,7 +8,7 @@ from common import SECOND_NS
 CLIP_NAME = re.compile(r"\d{8}T\d{6}Z_[a-z0-9_-]+_[\w-]+_[\w-]+\.avi\Z")
 """Files with another name are no clips."""
 UNSAFE = re.compile(r"[^A-Za-z0-9-]+")
-LONGEST = 64
+MOST_CHARACTERS = 64
 """Characters of a label or an id in a name: both come from peers."""
 
 
@@ -31,4 +31,4 @@ def clip_parts(name: str) -> tuple[str, str, str] | None:
 
 def safe_word(word: str) -> str:
     """A label or an id as it stands in a name."""
-    return UNSAFE.sub("-", word)[:LONGEST] or "-"
+    return UNSAFE.sub("-", word)[:MOST_CHARACTERS] or "-"

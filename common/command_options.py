@@ -7,10 +7,11 @@ from typing import Annotated, TypeVar, get_type_hints
 
 import typer
 
-LONGEST_S = 366 * 86_400.0
+LONGEST_OPTION_S = 366 * 86_400.0
 """The largest number of seconds for an option; the operating system does not wait for just any."""
 ForSeconds = Annotated[
-    float | None, typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds.")
+    float | None,
+    typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_OPTION_S, help="End after this many seconds."),
 ]
 Options = TypeVar("Options")
 Status = TypeVar("Status")

@@ -35,7 +35,7 @@ from common.vocabulary import Vocabulary
 
 __all__ = ["FusionConfig", "MeshConfig", "MqttConfig", "ObserverConfig", "Scene", "read_scene", "scene_files"]
 
-MODELS = "LABANMESH_MODELS"
+MODELS_VARIABLE = "LABANMESH_MODELS"
 """Names a folder for taught models, where the scene file's own folder must not be written to."""
 
 
@@ -146,7 +146,7 @@ class Scene(Section):
         return shlex.quote(str(self._file or "SCENE"))
 
     def taught_model(self, observer: str) -> Path:
-        """Where teaching writes the model of `observer`, with its takes beside it: the folder MODELS if that is set."""
+        """Where teaching writes the model of `observer` and its takes: in the folder MODELS_VARIABLE, if set."""
         path = self.named_model(observer)
         return self._models / path.name if self._models else path
 
@@ -188,7 +188,7 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
     scene._folder, scene._file = path.absolute().parent, path
-    models = (os.environ if environment is None else environment).get(MODELS)
+    models = (os.environ if environment is None else environment).get(MODELS_VARIABLE)
     scene._models = expand_home(models) if models else None
     return scene
 

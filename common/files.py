@@ -10,7 +10,7 @@ from typing import Any
 
 from common.errors import BadInput, LabanmeshError
 
-TEXT_LIMIT = 16 * 2**20
+TEXT_FILE_BYTES = 16 * 2**20
 """Bytes of a text file: no scene, camera or register is that long, and a device without end is."""
 
 OPEN_FILES = 64
@@ -60,7 +60,7 @@ def expand_home(name: str) -> Path:
         raise BadInput(f"{name}: no user of this machine has this home folder; write the whole path") from None
 
 
-def read_text(path: Path, limit: int = TEXT_LIMIT) -> str:
+def read_text(path: Path, limit: int = TEXT_FILE_BYTES) -> str:
     """The text of the file at `path`, UTF-8, without the mark that some editors put before it.
 
     Raises OSError, and ValueError, one line, for anything that is no such text, or longer than `limit` bytes.

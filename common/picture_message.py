@@ -9,7 +9,7 @@ from common.messages import Message
 
 PICTURE_BYTES_PER_S: Final = 48_000
 """Most bytes of live pictures that an observer sends in a second."""
-PICTURE_BYTES: Final = PICTURE_BYTES_PER_S // 2
+MOST_PICTURE_BYTES: Final = PICTURE_BYTES_PER_S // 2
 """Most bytes of one picture, at any rate."""
 PICTURE_SIDE_PX: Final = 320
 """Most pixels of its longer side."""
@@ -24,4 +24,4 @@ class PictureMessage(Message):
     captured_ns: Time
     width: Annotated[int, Field(ge=1, le=PICTURE_SIDE_PX)]
     height: Annotated[int, Field(ge=1, le=PICTURE_SIDE_PX)]
-    jpeg: Annotated[bytes, Field(min_length=2, max_length=PICTURE_BYTES)]
+    jpeg: Annotated[bytes, Field(min_length=2, max_length=MOST_PICTURE_BYTES)]

@@ -14,7 +14,7 @@ from common.errors import BadInput
 from common.message_types import LABELS_LIMIT, Count, Id, Identifier, Label, Printable, Probability, Time
 from common.messages import Message, MessagePart
 
-TEXT_LIMIT = 300
+TEACHING_TEXT_LIMIT = 300
 SHOWN_UNITS, UNSEEN = 1000, -1
 SHOWN_LIMIT = 8192
 DOUBTS_LIMIT = 60
@@ -32,7 +32,7 @@ TeachCommand = Literal[
 ]  # fmt: skip
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
-Text = Annotated[str, Field(max_length=TEXT_LIMIT), Printable]
+Text = Annotated[str, Field(max_length=TEACHING_TEXT_LIMIT), Printable]
 Person = Annotated[str, Field(max_length=PERSON_LIMIT), Printable]
 Seconds = Annotated[FiniteFloat, Field(ge=0)]
 Labels = Annotated[list[Label], Field(max_length=LABELS_LIMIT)]

@@ -5,7 +5,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from common.errors import BadInput
 
-_ADDRESS = re.compile(r"((?:rtsps?|https?):(?:/{1,2}|(?!\d))|[A-Za-z][\w+.-]*://)?(.*)", re.DOTALL | re.IGNORECASE)
+_CAMERA_ADDRESS = re.compile(
+    r"((?:rtsps?|https?):(?:/{1,2}|(?!\d))|[A-Za-z][\w+.-]*://)?(.*)", re.DOTALL | re.IGNORECASE
+)
 _KNOWN_SCHEME = re.compile(r"(rtsps?|https?|ftps?|sftp|rtmps?|rtp|srt|udp|mms):", re.IGNORECASE)
 """Of cameras, and of what people take for a camera's address; any other word may be a user."""
 _HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d+)?")
@@ -78,7 +80,7 @@ def without_secrets(text: str, *, show_path: bool = False) -> str:
     Also of an address that lacks its scheme. show_path: the path too, unless a password can be in it. Where a badly
     quoted password could hide in what is left (an @ or a missing host in an unexpected place), only the scheme remains.
     """
-    match = _ADDRESS.fullmatch(text)
+    match = _CAMERA_ADDRESS.fullmatch(text)
     scheme, rest = (match[1] or "", match[2]) if match else ("", text)
     if not scheme and not _USER.match(rest):
         return text

@@ -17,7 +17,7 @@ from observer.tracks import Floats
 THIGH, SHIN = 1 / TORSO_LENGTHS["left_hip", "left_knee"], 1 / TORSO_LENGTHS["left_knee", "left_foot"]
 """Torso lengths."""
 LEG = THIGH + SHIN
-HEAD_TO_PELVIS = TORSO_LENGTHS["head", "pelvis"]
+HEAD_ABOVE_PELVIS = TORSO_LENGTHS["head", "pelvis"]
 UPRIGHT_COSINE = math.cos(math.radians(30))
 """Of a torso that leans by less than 30 degrees the length is measured."""
 STEEP_COSINE = math.cos(math.radians(50))
@@ -80,7 +80,7 @@ class LyingReader:
             self._size, self._p = math.nan, math.nan
             self._reach.forget()
         head = math.nan if self._head is None else rows[self._head][1]
-        rise = hips - shoulders if math.isnan(head) else max(hips - shoulders, (hips - head) * HEAD_TO_PELVIS)
+        rise = hips - shoulders if math.isnan(head) else max(hips - shoulders, (hips - head) * HEAD_ABOVE_PELVIS)
         foot, knee = below[0] - hips, below[1] - hips
         # Of a leg of which only the knee is seen, the shin is taken to go on like the thigh.
         leg = knee * LEG / THIGH if math.isnan(foot) else foot if math.isnan(knee) else max(foot, knee)

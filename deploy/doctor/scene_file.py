@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from common.config import MODELS, Scene, read_scene
+from common.config import MODELS_VARIABLE, Scene, read_scene
 from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -228,7 +228,9 @@ def _taught(facts: SceneFacts) -> Iterator[Finding]:
             closed.setdefault(folder.path, []).append(observer)
     for path, observers in closed.items():
         what = f"{', '.join(observers)}: this user cannot write to {path}, so teaching would fail"
-        yield warning(GROUP, what, f"make the observer's user its owner, or set {MODELS} to a folder of that user")
+        yield warning(
+            GROUP, what, f"make the observer's user its owner, or set {MODELS_VARIABLE} to a folder of that user"
+        )
 
 
 def _may_write(folder: Path) -> bool:

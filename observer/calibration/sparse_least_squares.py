@@ -92,7 +92,7 @@ class SparseJacobian:
         return csr_array((values, (rows, columns)), shape=(self._bottom, self._columns))
 
 
-ROUNDS = 60
+MOST_STEPS = 60
 """Most steps; ten are usual."""
 ENOUGH = 1e-7
 """The last step lowers the cost by a smaller share than this."""
@@ -120,7 +120,7 @@ def least_robust_squares(
     x, damping = start, 1e-3
     residuals, blocks = evaluate(x)
     cost = _cost(residuals, soft)
-    for _ in range(ROUNDS):
+    for _ in range(MOST_STEPS):
         weights = 1 / np.sqrt(1 + (residuals / soft) ** 2)
         slopes = blocks.matrix()
         normal = cast("csr_array[np.float64]", slopes.T @ (slopes * weights[:, None]))

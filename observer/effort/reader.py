@@ -4,10 +4,10 @@ The movement model's watch gives the probability of rest; a movement begins wher
 
 Shape is Laban's spreading or enclosing, rising or sinking, advancing or retreating; formulas after Larboulette and
 Gibet, "A review of computable expressive descriptors of human motion", MOCO 2015. Three points suffice and nothing is
-learned: the rate r of a length over the last half second is measured with a noise of NOISE, and a rate below SLOW_PER_S
-is neither. With a flat prior on the true rate (docs/design/effort.md)
+learned: the rate r of a length over the last half second is measured with a noise of NOISE, and one below
+SLOW_SHAPE_PER_S is neither. With a flat prior on the true rate (docs/design/effort.md)
 
-    P(grows) = Φ((r - SLOW_PER_S)/NOISE)    P(shrinks) = Φ((-r - SLOW_PER_S)/NOISE)    P(neither) = the rest
+    P(grows) = Φ((r - SLOW_SHAPE_PER_S)/NOISE)    P(shrinks) = Φ((-r - SLOW_SHAPE_PER_S)/NOISE)    P(neither) = the rest
 """
 
 import math
@@ -34,7 +34,7 @@ SHORTEST_S = 0.4
 """A shorter part of a movement tells nothing about its Effort."""
 SHAPE_WINDOW_S = 0.5
 """Window of the rates of Shape: about one stroke."""
-SLOW_PER_S = 0.3
+SLOW_SHAPE_PER_S = 0.3
 """Body sizes per second: a slower change is neither; a hand that is lowered in two seconds is faster."""
 NOISE = 0.15
 """Body sizes per second: apparent rate of a still hand with a jittering tracker."""
@@ -173,7 +173,7 @@ def _rate(values: Floats, rate_hz: float) -> float:
 
 def three_ways(rate: float) -> Floats:
     """A rate in body sizes a second -> (3,) P(shrinks), P(neither), P(grows), in the order of the facets' values."""
-    shrinks, grows = _normal((-rate - SLOW_PER_S) / NOISE), _normal((rate - SLOW_PER_S) / NOISE)
+    shrinks, grows = _normal((-rate - SLOW_SHAPE_PER_S) / NOISE), _normal((rate - SLOW_SHAPE_PER_S) / NOISE)
     return np.array([shrinks, max(1.0 - shrinks - grows, 0.0), grows])
 
 

@@ -25,7 +25,7 @@ SMALLEST = 0.06
 """Body sizes, root mean square of all parts together: what people who hold a pose do not exceed (.03 to .06)."""
 NEARLY_HIGHEST = 0.9
 """The first peak that is nearly the highest tells the period: those after it tell its multiples."""
-AXES = 2
+PRINCIPAL_AXES = 2
 """Principal directions of a movement: people repeat it with the one hand or with the other."""
 
 
@@ -126,7 +126,7 @@ def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | Non
         return None
     cycles = [without_drift(each, period.lag)[period.begin : period.end] for each, period in shown]
     directions = sum(_directions(each, period.lag) for each, (_, period) in zip(cycles, shown, strict=True))
-    axes = np.linalg.eigh(directions)[1].T[::-1][:AXES]
+    axes = np.linalg.eigh(directions)[1].T[::-1][:PRINCIPAL_AXES]
     axes = axes * _sense([each @ axes.T for each in postures])[:, None]
     # Of a sine.
     swings = np.array([(each @ axes.T).std(axis=0) * 2 * math.sqrt(2) for each in cycles])

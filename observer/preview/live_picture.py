@@ -1,7 +1,7 @@
 """The live picture of an observer: published under a key of its own, only while somebody subscribes to it."""
 
 from common import SECOND_NS
-from common.picture_message import PICTURE_BYTES, PICTURE_BYTES_PER_S, PICTURE_SIDE_PX, PictureMessage
+from common.picture_message import MOST_PICTURE_BYTES, PICTURE_BYTES_PER_S, PICTURE_SIDE_PX, PictureMessage
 from common.subsession import Publisher
 from common.wire import encode
 from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
@@ -12,7 +12,7 @@ class LivePicture:
 
     def __init__(self, publisher: Publisher, rate_hz: float) -> None:
         self._publisher, self._every_ns = publisher, round(SECOND_NS / rate_hz)
-        self._limit = min(PICTURE_BYTES, int(PICTURE_BYTES_PER_S / rate_hz))
+        self._limit = min(MOST_PICTURE_BYTES, int(PICTURE_BYTES_PER_S / rate_hz))
         self._next_ns = 0
 
     def is_due(self, now_ns: int) -> bool:

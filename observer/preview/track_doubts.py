@@ -32,7 +32,7 @@ EXCHANGED_NEAR, EXCHANGED_FAR = 0.05, 0.12
 """A hand that is this near to the other one's last place, and this far from its own, has taken its place."""
 FACES = 4
 """With a face in so many pictures the person faces the camera: then the left hand is right of the other one."""
-FEWEST_PICTURES = {"off": 4, "jumps": 2, "beyond": 2, "exchanged": 2, "together": 4, "sides": 4}
+FEWEST_DOUBTFUL = {"off": 4, "jumps": 2, "beyond": 2, "exchanged": 2, "together": 4, "sides": 4}
 OF_SEEN = {"off": 0.3, "jumps": 0.05, "beyond": 0.05, "exchanged": 0.05, "together": 0.6, "sides": 0.6}
 """At least so many pictures, and such a share of those in which it could be seen, make a doubt."""
 RARELY = 0.5
@@ -115,7 +115,7 @@ def doubts(
         doubts += _hands(rows, height_px)
     if len(faces) >= FACES and all(hand in rows for hand in HANDS):
         doubts.append(_sides(*(rows[hand] for hand in HANDS)))
-    doubts = [each for each in doubts if each.count >= FEWEST_PICTURES[each.kind] and each.share >= OF_SEEN[each.kind]]
+    doubts = [each for each in doubts if each.count >= FEWEST_DOUBTFUL[each.kind] and each.share >= OF_SEEN[each.kind]]
     order = list(FINDINGS)
     return sorted([*doubts, *_rarely_seen(rows)], key=lambda doubt: order.index(doubt.kind))
 

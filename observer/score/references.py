@@ -31,7 +31,7 @@ FAR = 3.0
 by: what is farther is another movement."""
 LEAST_SEEN = 2 / 3
 """Share of the limbs that has to be seen."""
-LEAST_SPREAD = 1e-6
+LEAST_FARTHEST = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class ReferenceTakes:
         compared = [self._compare(self._places[n], self._others(n)) for n in own]
         rows = np.array([row for row, *_ in compared])
         farthest = max(distance for *_, distance in compared)
-        usual, spread = rows.mean(axis=0), rows.std(axis=0) + LEAST_SPREAD
+        usual, spread = rows.mean(axis=0), rows.std(axis=0) + LEAST_FARTHEST
         badness = self._weights @ np.maximum((rows - usual) / spread, 0.0).T
         is_one = len({*self._people.tolist()}) == 1
         remarked = largest([band for _, band, _ in compared], OWN_TOLERANCE if is_one else TOLERANCE)
@@ -130,7 +130,7 @@ class ReferenceTakes:
             return JudgeScore(None, certainty, uncertain="the performance has no two frames")
         row, band, distance = self._compare(places_of(trace), range(len(self._places)))
         if distance > max(FAR * self.spread.farthest, USUAL_DISTANCE):
-            times = distance / max(self.spread.farthest, LEAST_SPREAD)
+            times = distance / max(self.spread.farthest, LEAST_FARTHEST)
             far = f"{times:.0f} times as far from the references as any of them"
             return JudgeScore(None, certainty, uncertain=f"this is another movement: {far}")
         off = self._spreads(row)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
-from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
+from common.teaching_messages import TEACHING_TEXT_LIMIT, LearnedReport, Unwanted
 from observer.files import make_private, remove_file
 from observer.learning.references import CHOSEN
 from observer.model.cross_validation import held_out_of
@@ -133,7 +133,7 @@ class ModelLearner:
                 references={label: own.count for label, own in model.header.references.items()},
             )  # fmt: skip
         except (LabanmeshError, OSError) as error:
-            self.fault = str(error)[:TEXT_LIMIT]
+            self.fault = str(error)[:TEACHING_TEXT_LIMIT]
             log.warning("learning failed: %s", error)
         finally:
             self.busy = False

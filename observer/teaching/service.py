@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from common.config import MODELS, Scene
+from common.config import MODELS_VARIABLE, Scene
 from common.errors import BadInput, LabanmeshError
 from common.message_types import BodyRegionShares
 from common.subsession import SubSession
-from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest
+from common.teaching_messages import TEACHING_TEXT_LIMIT, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
 from observer.motion.archive import TracksCamera
@@ -111,7 +111,7 @@ class TeachableObserver:
         try:
             request = decode(TeachRequest, payload)
         except BadMessage as error:
-            return encode(TeachReply(state="idle", fault=f"not understood: {error}"[:TEXT_LIMIT]))
+            return encode(TeachReply(state="idle", fault=f"not understood: {error}"[:TEACHING_TEXT_LIMIT]))
         vocabulary = self.vocabulary
         with self._lock:
             reply = self._teaching.handle(request, time.monotonic(), vocabulary.labels if vocabulary else ())
@@ -125,7 +125,7 @@ class TeachableObserver:
             return encode(reply)
         except LabanmeshError as error:
             # Thousands of takes: what was done is done.
-            return encode(TeachReply(state=reply.state, fault=str(error)[:TEXT_LIMIT]))
+            return encode(TeachReply(state=reply.state, fault=str(error)[:TEACHING_TEXT_LIMIT]))
 
 
 def why_not(scene: Scene, observer_id: str) -> str:
@@ -139,7 +139,7 @@ def why_not(scene: Scene, observer_id: str) -> str:
         return f"{model} is the model of {' and '.join(others)} too; give each observer a model of its own"
     folder = scene.taught_model(observer_id).parent
     if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
-        way_out = f"make the observer's user its owner, or set {MODELS} to a folder of that user"
+        way_out = f"make the observer's user its owner, or set {MODELS_VARIABLE} to a folder of that user"
         return f"this observer cannot write to {folder}, where its takes and its model belong; {way_out}"
     return ""
 

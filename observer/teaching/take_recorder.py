@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from common.teaching_messages import SOMEONE, TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
+from common.teaching_messages import SOMEONE, TEACHING_TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
 from observer.recording.own_tracks import TracksRecorder, trimmed, watched_parts
 from observer.teaching.clap import ClapWatch
 from observer.teaching.interfaces import Takes
@@ -222,4 +222,4 @@ class PeopleCount:
 
 def fault_line(error: LabanmeshError) -> str:
     """The error for a teacher, who cannot choose another path."""
-    return str(error).split(". Choose another path")[0][:TEXT_LIMIT]
+    return str(error).split(". Choose another path")[0][:TEACHING_TEXT_LIMIT]

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 
 from common.config import Scene, read_scene
 from common.errors import BadInput
-from common.files import TEXT_LIMIT, parse_toml, read_text, replace_file
+from common.files import TEXT_FILE_BYTES, parse_toml, read_text, replace_file
 
 LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n'
 
@@ -100,7 +100,7 @@ def test_what_is_no_file_is_one_line_and_ends(path):
 def test_a_text_is_read_up_to_its_limit(tmp_path):
     path = tmp_path / "t"
     path.write_text("x" * 11)
-    assert read_text(path, 11) == "x" * 11 and TEXT_LIMIT > 2**20
+    assert read_text(path, 11) == "x" * 11 and TEXT_FILE_BYTES > 2**20
     with pytest.raises(ValueError, match="longer than"):
         read_text(path, 10)
     assert parse_toml("a = 1") == {"a": 1}

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config import MODELS, Scene, read_scene
+from common.config import MODELS_VARIABLE, Scene, read_scene
 from common.errors import BadInput
 
 LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "motion.npz"\n'
@@ -190,7 +190,7 @@ def test_taught_models_have_a_folder_of_their_own_if_one_is_named(tmp_path):
     beside, taught = tmp_path / "models" / "sofa.model", tmp_path / "state" / "sofa.model"
     plain = read_scene(tmp_path / "s.toml", {})
     assert plain.taught_model("sofa") == plain.model_file("sofa") == beside
-    apart = read_scene(tmp_path / "s.toml", {MODELS: str(tmp_path / "state")})
+    apart = read_scene(tmp_path / "s.toml", {MODELS_VARIABLE: str(tmp_path / "state")})
     assert apart.taught_model("sofa") == apart.model_file("sofa") == taught
     for file, found in ((beside, beside), (taught, taught)):
         file.parent.mkdir()

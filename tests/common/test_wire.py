@@ -25,7 +25,7 @@ from common.messages import (
     VocabularyReference,
     VoteState,
 )
-from common.picture_message import PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
+from common.picture_message import MOST_PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
 from common.teaching_messages import TeachReply
 from common.text import printable
 from common.vocabulary import ABSTAIN, Vocabulary
@@ -71,7 +71,7 @@ STATUSES = st.builds(
 )  # fmt: skip
 PICTURES = st.builds(
     PictureMessage, captured_ns=COUNTS, width=st.integers(1, PICTURE_SIDE_PX), height=st.integers(1, PICTURE_SIDE_PX),
-    jpeg=st.binary(min_size=2, max_size=300) | st.just(bytes(PICTURE_BYTES)),
+    jpeg=st.binary(min_size=2, max_size=300) | st.just(bytes(MOST_PICTURE_BYTES)),
 )  # fmt: skip
 KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage, PictureMessage)
 

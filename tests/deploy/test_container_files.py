@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from common.config import MODELS, read_scene
+from common.config import MODELS_VARIABLE, read_scene
 from common.notify import HEARTBEAT, Notifier
 from labanmesh import app_of
 
@@ -140,7 +140,7 @@ def test_scene_and_credentials_are_read_only_and_meet_at_the_router(files, reque
 
 def test_an_observer_keeps_what_it_is_taught_in_its_state_folder():
     environment = [word for line in instructions("ENV") for word in shlex.split(line)]
-    assert f"{MODELS}=/var/lib/labanmesh" in environment
+    assert f"{MODELS_VARIABLE}=/var/lib/labanmesh" in environment
 
 
 def test_the_health_check_follows_the_heartbeat(tmp_path):

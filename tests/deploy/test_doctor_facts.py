@@ -9,7 +9,7 @@ import time
 import pytest
 from processes import SOON_S
 
-from common.config import MODELS, MeshConfig, read_scene
+from common.config import MODELS_VARIABLE, MeshConfig, read_scene
 from common.errors import BadInput
 from deploy.doctor import cameras
 from deploy.doctor.cameras import Webcam, observer_cameras, webcams
@@ -155,11 +155,12 @@ def test_a_camera_that_is_there_is_looked_at_if_asked(tmp_path, monkeypatch):
 def test_a_folder_that_cannot_be_taught_in_is_named_before_teaching(tmp_path, monkeypatch):
     monkeypatch.setattr("deploy.doctor.scene_file._preflight", lambda *_: ({}, ""))
     (tmp_path / "s.toml").write_text('scene = "dojo"\n[observers.a]\nsource = "0"\n[observers.b]\nsource = "1"\n')
-    nowhere = {MODELS: str(tmp_path / "nowhere")}
+    nowhere = {MODELS_VARIABLE: str(tmp_path / "nowhere")}
     facts = scene_facts(tmp_path / "s.toml", read_scene(tmp_path / "s.toml", nowhere), None)
     (finding,) = [each for each in check_scene(facts) if "teaching would fail" in each.what]
     assert (
-        finding.what.startswith(f"a, b: this user cannot write to {tmp_path / 'nowhere'}") and MODELS in finding.to_do
+        finding.what.startswith(f"a, b: this user cannot write to {tmp_path / 'nowhere'}")
+        and MODELS_VARIABLE in finding.to_do
     )
 
 

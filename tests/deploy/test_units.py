@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from common.config import MODELS
+from common.config import MODELS_VARIABLE
 from labanmesh import app_of
 
 UNITS = Path(__file__).parents[2] / "deploy" / "systemd"
@@ -85,7 +85,7 @@ def test_the_users_file_is_understood(tmp_path):
 def test_an_observer_keeps_what_it_is_taught_in_its_state_folder():
     observer = SERVICES[0]
     (state,) = settings(observer, "StateDirectory")
-    assert f"{MODELS}=%S/{state}" in " ".join(settings(observer, "Environment")).split()
+    assert f"{MODELS_VARIABLE}=%S/{state}" in " ".join(settings(observer, "Environment")).split()
     assert settings(observer, "ProtectSystem") == ["strict"] and not settings(observer, "ReadWritePaths")
 
 

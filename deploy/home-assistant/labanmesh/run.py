@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import deploy
-from common.config import MODELS, Scene, read_scene
+from common.config import MODELS_VARIABLE, Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
 from deploy.commands import HUBS, jobs
@@ -47,7 +47,7 @@ def main(root: Path, supervisor: str) -> int:
         with stop_on_signals() as stop:
             environment = {**_mesh(options, folder), **_broker(options, root, supervisor, stop)}
             # What a process keeps over a restart.
-            environment |= {MODELS: str(_made(folder / "models")), "STATE_DIRECTORY": str(root / "data")}
+            environment |= {MODELS_VARIABLE: str(_made(folder / "models")), "STATE_DIRECTORY": str(root / "data")}
             token = _token(options, folder)
             path = _scene_file(options, root)
             scene = read_scene(path, {**os.environ, **environment})

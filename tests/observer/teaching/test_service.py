@@ -12,7 +12,7 @@ import pytest
 
 import labanmesh
 from common import SECOND_NS
-from common.config import MODELS, read_scene
+from common.config import MODELS_VARIABLE, read_scene
 from common.errors import BadInput
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import decode, encode
@@ -140,7 +140,7 @@ def is_forgotten_also_beside_the_scene_file(taught):
     home = taught.place("home")
     (own := home / "models").mkdir(parents=True)
     (home / "s.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\nclips = { folder = "clips" }\n')
-    scene, files = read_scene(home / "s.toml", {MODELS: str(own)}), ("sofa.model", "sofa.tracks.npz")
+    scene, files = read_scene(home / "s.toml", {MODELS_VARIABLE: str(own)}), ("sofa.model", "sofa.tracks.npz")
 
     def left_after(*folders, **asked):
         """What an observer forgets of what was taught into these folders: takes, models, clips; and is it in force?"""
@@ -230,5 +230,5 @@ def test_an_observer_whose_scene_names_a_model_or_a_vocabulary_needs_its_model(t
     assert why_not(read_scene(tmp_path / "s.toml", {}), "sofa").startswith("x.model is the model of shelf too")
     (tmp_path / "s.toml").write_text('scene = "home"\nobservers.sofa.source = "0"\n')
     assert why_not(read_scene(tmp_path / "s.toml", {}), "sofa") == ""
-    closed = read_scene(tmp_path / "s.toml", {MODELS: str(tmp_path / "nowhere")})
+    closed = read_scene(tmp_path / "s.toml", {MODELS_VARIABLE: str(tmp_path / "nowhere")})
     assert f"cannot write to {tmp_path / 'nowhere'}" in why_not(closed, "sofa")
