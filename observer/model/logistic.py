@@ -31,24 +31,17 @@ class LogisticRegression:
     intercepts: Floats32
 
     @classmethod
-    def learn(
-        cls,
-        features: Floats32,
-        targets: Floats32,
-        weights: Floats32,
-        inverse_penalty: float,
-        iterations: int = ITERATIONS,
-    ) -> Self:
-        """(N, D) features, (N, K) target probabilities, (N,) weights of the rows.
+    def learn(cls, features: Floats32, targets: Floats32, inverse_penalty: float, iterations: int = ITERATIONS) -> Self:
+        """(N, D) features, (N, K) target probabilities.
 
-        inverse_penalty: C of the loss C sum_n w_n CE_n + |W|^2 / 2 on standardised features; intercepts are free.
+        inverse_penalty: C of the loss C sum_n CE_n + |W|^2 / 2 on standardised features; intercepts are free.
         """
         mean, spread = features.mean(axis=0), features.std(axis=0) + np.float32(LEAST_SPREAD)
         x = np.empty((len(features), features.shape[1] + 1), np.float32)
         np.subtract(features, mean, out=x[:, :-1])
         x[:, :-1] /= spread
         x[:, -1] = 1.0
-        solution = _minimise(_Loss(x, targets, weights, inverse_penalty), iterations)
+        solution = _minimise(_Loss(x, targets, inverse_penalty), iterations)
         raw = solution[:-1] / spread[:, None]
         return cls(raw, solution[-1] - mean @ raw)
 
@@ -80,9 +73,8 @@ class LogisticRegression:
 
 
 class _Loss:
-    def __init__(self, x: Floats32, targets: Floats32, weights: Floats32, inverse_penalty: float) -> None:
-        self.x, self.targets = x, targets
-        self._weights = (inverse_penalty * weights)[:, None].astype(np.float32)
+    def __init__(self, x: Floats32, targets: Floats32, inverse_penalty: float) -> None:
+        self.x, self.targets, self._weight = x, targets, np.float32(inverse_penalty)
         self._penalised = np.ones((x.shape[1], 1), np.float32)
         self._penalised[-1] = 0.0
 
@@ -94,9 +86,9 @@ class _Loss:
         total = p.sum(axis=1, keepdims=True)
         cross_entropy = np.log(total) - (scores * self.targets).sum(axis=1, keepdims=True)
         p /= total
-        loss = float((self._weights * cross_entropy).sum()) + 0.5 * float((self._penalised * w * w).sum())
+        loss = float((self._weight * cross_entropy).sum()) + 0.5 * float((self._penalised * w * w).sum())
         # BLAS computes this order of the product faster than x.T @ ...
-        gradient: Floats32 = (((p - self.targets) * self._weights).T @ self.x).T + self._penalised * w
+        gradient: Floats32 = (((p - self.targets) * self._weight).T @ self.x).T + self._penalised * w
         return loss, gradient
 
 

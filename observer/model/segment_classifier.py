@@ -101,15 +101,11 @@ class SegmentTable:
         late = chosen & (self.fraction >= ENDED_FROM)
         targets = np.eye(movements, dtype=np.float32)[self.movement_of]
 
-        def learned(rows: NDArray[np.bool_], of: Floats32, c: float) -> LogisticRegression:
-            ones = np.ones(int(rows.sum()), np.float32)
-            return LogisticRegression.learn(self.features[rows], of[rows], ones, c, iterations)
-
-        return SegmentClassifier(
-            self.rocket,
-            learned(chosen, targets, inverse_penalty),
-            learned(late, targets, inverse_penalty * FEWER_ROWS),
+        running, ended = (
+            LogisticRegression.learn(self.features[rows], targets[rows], c, iterations)
+            for rows, c in ((chosen, inverse_penalty), (late, inverse_penalty * FEWER_ROWS))
         )
+        return SegmentClassifier(self.rocket, running, ended)
 
 
 def _with_length(features: Floats32, frames: NDArray[np.int64]) -> Floats32:

@@ -41,7 +41,7 @@ BLEND_FRACTIONS = (0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Frames `at` (A,) of a trace (F, 2 P + 3), targets (A, M + 1) with something else last, and weights (A,).
+    """Frames `at` (A,) of a trace (F, 2 P + 3), and targets (A, M + 1) with something else last.
 
     examples: indices of the examples that the trace was made of, the one that it shows first; empty for a stream.
     """
@@ -49,7 +49,6 @@ class Rows:
     trace: Floats32
     at: Integers
     targets: Floats32
-    weights: Floats32
     examples: tuple[int, ...] = ()
 
 
@@ -85,20 +84,12 @@ def rows_of_examples(
         targets = targets_of(example.movement, np.clip(fractions / RECOGNISABLE, 0, 1), movements)
         after = before + len(trace) + np.array([round(s * rate_hz) for s in RESTS_AFTER_S], np.int64) - 1
         rests = targets_of(-1, np.zeros(len(after)), movements)
-        yield Rows(
-            shown,
-            np.concatenate([at, after]),
-            np.concatenate([targets, rests]),
-            np.ones(len(at) + len(after), np.float32),
-            (n,),
-        )
+        yield Rows(shown, np.concatenate([at, after]), np.concatenate([targets, rests]), (n,))
         other = _other_movement(examples, n)
         if other is not None:
             blend = (trace + resampled(traces[other], len(trace))) / np.float32(2)
             at = np.array([max(round(f * len(blend)), 1) - 1 for f in BLEND_FRACTIONS])
-            yield Rows(
-                blend, at, targets_of(-1, np.zeros(len(at)), movements), np.ones(len(at), np.float32), (n, other)
-            )
+            yield Rows(blend, at, targets_of(-1, np.zeros(len(at)), movements), (n, other))
 
 
 def rows_of_streams(
@@ -113,7 +104,7 @@ def rows_of_streams(
             inside = (at >= span.begin) & (at < span.end + AFTERGLOW_S * rate_hz)
             progress = (at[inside] - span.begin) / (span.end - span.begin)
             targets[inside] = targets_of(span.movement, np.clip(progress / RECOGNISABLE, 0, 1), movements)
-        yield Rows(trace, at, targets, np.ones(len(at), np.float32))
+        yield Rows(trace, at, targets)
 
 
 def part_of(frames: int, part: tuple[int, int]) -> tuple[int, int]:

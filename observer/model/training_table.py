@@ -54,7 +54,7 @@ class TrainingTable:
         self._of_streams = [*rows_of_streams(streams, traces_of_streams, movements, header.rate_hz)]
         rows = [*self._rows, *self._of_streams]
         self._features = np.concatenate([self.trailing.of(r.trace, r.at) for r in rows])
-        self._targets, self._weights = (np.concatenate([getattr(r, a) for r in rows]) for a in ("targets", "weights"))
+        self._targets = np.concatenate([r.targets for r in rows])
         self._segments = SegmentTable.of(examples, traces, int(header.parameters["kernels"]), seed)
 
     def learn(
@@ -77,17 +77,18 @@ class TrainingTable:
 
         In one on thousands of features of many parts the ones replace the others, and what each kind says is lost.
         """
-        targets, weights, convolutions = self._targets[chosen], self._weights[chosen], self.trailing.convolutions
+        targets, convolutions = self._targets[chosen], self.trailing.convolutions
         kinds = (slice(None), slice(convolutions), slice(convolutions, None))
         each = [
-            LogisticRegression.learn(self._features[chosen, kind], targets, weights, inverse_penalty, iterations)
+            LogisticRegression.learn(self._features[chosen, kind], targets, inverse_penalty, iterations)
             for kind in kinds
         ]
         return LogisticRegression.pooled([*zip(each, kinds, strict=True)], self.trailing.size, POOLED)
 
     def _stream_rows_apart(self, gone: set[int], part: tuple[int, int] | None) -> list[Chosen]:
         """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""
-        people, shown = self._people_only_in(gone), {e.subject for e in self._examples}
+        shown = {e.subject for e in self._examples}
+        people = shown - {e.subject for n, e in enumerate(self._examples) if n not in gone}
         spans = {(e.subject, e.trial, e.movement) for e in (self._examples[n] for n in gone)}
         result = []
         for stream, rows in zip(self._streams, self._of_streams, strict=True):
@@ -100,10 +101,6 @@ class TrainingTable:
                 chosen &= (rows.at < begin) | (rows.at >= end)
             result.append(chosen)
         return result
-
-    def _people_only_in(self, gone: set[int]) -> set[str]:
-        people = {self._examples[n].subject for n in gone}
-        return people - {e.subject for n, e in enumerate(self._examples) if n not in gone}
 
 
 def _usual_extents(examples: Sequence[Example], traces: Sequence[Floats32], header: Header) -> Floats:

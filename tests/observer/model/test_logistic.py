@@ -15,18 +15,18 @@ def problem():
     features = rng.normal(size=(ROWS, COLUMNS)).astype(np.float32)
     truth = (features[:, 0] > 0.4).astype(int) + (features[:, 1] > 0)
     targets = (0.8 * np.eye(CLASSES)[truth] + 0.2 / CLASSES).astype(np.float32)
-    return features, targets, rng.uniform(0.5, 2, ROWS).astype(np.float32)
+    return features, targets
 
 
-def probabilities(features, targets, weights, at=None, iterations=400):
-    learned = LogisticRegression.learn(features, targets, weights, 0.3, iterations)
+def probabilities(features, targets, at=None, iterations=400):
+    learned = LogisticRegression.learn(features, targets, 0.3, iterations)
     return np.exp(learned.log_probabilities(features if at is None else at))
 
 
 def test_the_gradient_is_that_of_finite_differences(problem):
-    features, targets, weights = problem
+    features, targets = problem
     x = np.hstack([features, np.ones((ROWS, 1), np.float32)])
-    loss = _Loss(x.astype(np.float64), targets.astype(np.float64), weights.astype(np.float64), 0.3)
+    loss = _Loss(x.astype(np.float64), targets.astype(np.float64), 0.3)
     w = np.random.default_rng(2).normal(size=(COLUMNS + 1, CLASSES))
     _, gradient = loss(w)
     for place in np.ndindex(*w.shape):
@@ -37,7 +37,7 @@ def test_the_gradient_is_that_of_finite_differences(problem):
 
 
 def test_the_optimum_is_that_of_a_general_minimiser(problem):
-    features, targets, weights = problem
+    features, targets = problem
     spread = features.std(axis=0) + 0.05
     x = (features - features.mean(axis=0)) / spread
 
@@ -45,7 +45,7 @@ def test_the_optimum_is_that_of_a_general_minimiser(problem):
         w = flat.reshape(COLUMNS + 1, CLASSES)
         scores = x @ w[:-1] + w[-1]
         cross_entropy = np.log(np.exp(scores).sum(axis=1)) - (scores * targets).sum(axis=1)
-        return 0.3 * (weights * cross_entropy).sum() + 0.5 * (w[:-1] ** 2).sum()
+        return 0.3 * cross_entropy.sum() + 0.5 * (w[:-1] ** 2).sum()
 
     w = minimize(loss, np.zeros((COLUMNS + 1) * CLASSES), tol=1e-12).x.reshape(COLUMNS + 1, CLASSES)
     expected = np.exp(x @ w[:-1] + w[-1])
@@ -54,13 +54,11 @@ def test_the_optimum_is_that_of_a_general_minimiser(problem):
 
 
 def test_a_feature_that_never_varies_in_training_hardly_decides(problem):
-    features, targets, weights = problem
+    features, targets = problem
     constant = np.hstack([features, np.full((ROWS, 1), 2.0, np.float32)])
     other = constant.copy()
     other[:, -1] = 3.0
-    np.testing.assert_allclose(
-        probabilities(constant, targets, weights, other), probabilities(constant, targets, weights), atol=0.01
-    )
+    np.testing.assert_allclose(probabilities(constant, targets, other), probabilities(constant, targets), atol=0.01)
 
 
 @pytest.mark.parametrize("damage", ["shape", "nan"])

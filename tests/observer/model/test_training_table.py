@@ -176,7 +176,7 @@ def test_each_of_few_examples_counts_more(header, examples, table):
     penalty = header.parameters["trailing_penalty"] * ENOUGH_EXAMPLES / len(examples)
     features = table._features
     read = (features, *np.split(features, [table.trailing.convolutions], axis=1))
-    each = [LogisticRegression.learn(x, table._targets, table._weights, penalty) for x in read]
+    each = [LogisticRegression.learn(x, table._targets, penalty) for x in read]
     logs = POOLED * np.sum([one.log_probabilities(x) for one, x in zip(each, read, strict=True)], axis=0)
     learned = table.learn()[0].log_probabilities(table._features)
     np.testing.assert_allclose(learned, logs - np.logaddexp.reduce(logs, axis=1, keepdims=True), atol=1e-3)
