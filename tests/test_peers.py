@@ -33,7 +33,7 @@ from benchmarks.comparisons.classifiers.panels import (
 from benchmarks.comparisons.classifiers.tables import accuracy_interval, as_json, as_markdown, peer_rows
 from common.errors import BadInput
 from observer.geometry.views import View, parse_view
-from observer.model.rocket import MiniRocket, RocketParameters, choose_dilations
+from observer.model.rocket import MiniRocket, choose_dilations
 from observer.motion.archive_file import write_archive
 from observer.tracks import BODY_PARTS
 from studies.evaluate import EvaluationSettings, evaluate
@@ -334,7 +334,7 @@ def rocket_of(fitted, channels, length):
     pieces = np.split(biases, np.cumsum(84 * biases_per_kernel)[:-1])
     by_dilation = tuple(np.ascontiguousarray(piece.reshape(84, -1).T) for piece in pieces)
     selected = selected.reshape(len(dilations), 84, channels)
-    return MiniRocket(length, RocketParameters(dilations.astype(np.int64), selected, by_dilation))
+    return MiniRocket(length, dilations.astype(np.int64), selected, by_dilation)
 
 
 @with_aeon
@@ -346,7 +346,7 @@ def test_our_minirocket_has_the_features_of_aeons(channels, length, features):
     aeon = AeonMiniRocket(n_kernels=features, random_state=1).fit(windows[:20])
     ours = rocket_of(aeon.parameters, channels, length)
     theirs = np.asarray(aeon.transform(windows))
-    pieces = np.split(theirs, np.cumsum([b.size for b in ours.parameters.biases])[:-1], axis=1)
+    pieces = np.split(theirs, np.cumsum([b.size for b in ours.biases])[:-1], axis=1)
     theirs = np.concatenate([p.reshape(30, 84, -1).swapaxes(1, 2).reshape(30, -1) for p in pieces], axis=1)
     # Sums in another order round differently, so that a convolution equal to a bias may count or not.
     differ = np.abs(ours.transform(windows) - theirs) > 1e-5

@@ -17,7 +17,7 @@ class CrossValidation:
 
     folds: indices of the examples that are left out together; a recording is left out at all its facings. watched: the
     indices of those that are evaluated where that takes long. shares: of a movement, after which it is evaluated; the
-    last is 1.0, where it has ended. watched_s: at most so many seconds of streams are watched.
+    last is 1.0, where it has ended.
     """
 
     examples: Sequence[Example]
@@ -25,7 +25,6 @@ class CrossValidation:
     folds: Sequence[Sequence[int]]
     watched: Collection[int]
     shares: tuple[float, ...]
-    watched_s: float = 300.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,12 +55,16 @@ FAINT = 0.2
 """A movement of this share of the usual extent is none: somebody shifts their weight, or a hand trembles."""
 
 
+WATCHED_S = 300.0
+"""At most so much of the streams is watched in each fold."""
+
+
 def rows_of_fold(
     model: "Stacked",
     examples: Sequence[Example],
     watched: Sequence[int],
     streams: Sequence[Stream],
-    watched_s: float,
+    watched_s: float = WATCHED_S,
 ) -> list[Watched]:
     """What the model makes of these examples and streams, from which it has not learned.
 

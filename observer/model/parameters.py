@@ -8,24 +8,20 @@ from common.errors import BadInput
 
 @dataclass(frozen=True, slots=True)
 class ParameterRange:
-    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32."""
+    """The values that a parameter may have. Larger numbers would overflow float32."""
 
     low: float = 0.0
     high: float = 1e6
-    above: bool = False
     whole: bool = False
 
     def check(self, name: str, value: float) -> None:
         """Raise BadInput, one line with the name, the value and the range, for a value outside it."""
-        too_low = value <= self.low if self.above else value < self.low
         # NaN fails every comparison.
-        if too_low or not value <= self.high or (self.whole and value != int(value)):
+        if not self.low <= value <= self.high or (self.whole and value != int(value)):
             raise BadInput(f"parameter {name} = {value:g}: {self} is expected")
 
     def __str__(self) -> str:
-        number = "a whole number" if self.whole else "a number"
-        low = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
-        return f"{number} {low} to {self.high:g}"
+        return f"{'a whole number' if self.whole else 'a number'} from {self.low:g} to {self.high:g}"
 
 
 PROBABILITY = ParameterRange(0.0, 1.0)

@@ -6,7 +6,7 @@ the window's instants at which the convolution exceeds a bias, which is a quanti
 window. In a window of several channels each pair of kernel and dilation sums over a random few of them, as in aeon.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import combinations
 from typing import Self
@@ -34,19 +34,6 @@ CHUNK = 4
 """Windows that are transformed together: their convolutions stay in the processor's cache."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RocketParameters:
-    """What learning finds, for D dilations and windows of C channels.
-
-    dilations (D,): frames between neighbouring weights. channels (D, 84, C): how often a kernel adds a channel.
-    biases: D arrays (B, 84), each with its own number B of biases for every kernel of that dilation.
-    """
-
-    dilations: Integers
-    channels: Floats32
-    biases: tuple[Floats32, ...]
-
-
 def choose_dilations(length: int, features: int) -> tuple[Integers, Integers]:
     """(D,) dilations for windows of `length` frames, evenly spaced in their logarithm, and (D,) biases per kernel.
 
@@ -68,17 +55,18 @@ def choose_dilations(length: int, features: int) -> tuple[Integers, Integers]:
 
 
 class MiniRocket:
-    """The transform. Its features are ordered by dilation, then by number of the bias, then by kernel.
+    """The transform of windows of n frames. Its features are ordered by dilation, number of the bias, and kernel.
 
-    length: n, the frames of a window. features: how many there are, a multiple of 84.
+    dilations (D,): frames between neighbouring weights. channels (D, 84, C): how often a kernel adds a channel.
+    biases: D arrays (B, 84), each with its own number B of biases for every kernel of that dilation. features: how many
+    there are, a multiple of 84.
     """
 
-    def __init__(self, length: int, parameters: RocketParameters) -> None:
-        self.length = length
-        self.parameters = parameters
-        self.features = sum(bias.size for bias in parameters.biases)
-        self._margins = [int(dilation) * (TAPS // 2) for dilation in parameters.dilations]
-        steps = zip(self._margins, parameters.biases, strict=True)
+    def __init__(self, length: int, dilations: Integers, channels: Floats32, biases: Sequence[Floats32]) -> None:
+        self.length, self.dilations, self.channels, self.biases = length, dilations, channels, tuple(biases)
+        self.features = sum(bias.size for bias in biases)
+        self._margins = [int(dilation) * (TAPS // 2) for dilation in dilations]
+        steps = zip(self._margins, biases, strict=True)
         limits = [_limits(length, *step, number) for number, step in enumerate(steps)]
         shares = [1 / np.isfinite(limit).sum(axis=1) for limit in limits]
         self._shares: Floats32 = np.concatenate([share.ravel() for share in shares]).astype(np.float32)
@@ -112,14 +100,14 @@ class MiniRocket:
             convolved = np.einsum("kqk->kq", convolve(shown, own, int(dilation)))
             bias = biases_of(convolved, quantile.reshape(len(KERNELS), -1)).T
             biases.append(bias.astype(np.float32, order="C"))
-        return cls(windows.shape[2], RocketParameters(dilations, channels, tuple(biases)))
+        return cls(windows.shape[2], dilations, channels, biases)
 
     def transform(self, windows: NDArray[np.floating]) -> Floats32:
         """(N, C, n) windows without NaN -> (N, features): shares, 0 to 1.
 
         Raises BadInput for other numbers of channels or frames than were learned.
         """
-        expected = (self.parameters.channels.shape[2], self.length)
+        expected = (self.channels.shape[2], self.length)
         if windows.ndim != 3 or windows.shape[1:] != expected:
             raise BadInput(f"windows {windows.shape}: (N, {expected[0]}, {expected[1]}) is expected")
         chunks = (windows[begin : begin + CHUNK] for begin in range(0, len(windows), CHUNK))
@@ -128,9 +116,9 @@ class MiniRocket:
 
     def _counts(self, windows: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
         """(N, C, n) -> (N, B, 84): at how many instants each convolution exceeds each bias."""
-        own, count, begin = self.parameters, len(windows), 0
+        count, begin = len(windows), 0
         above = np.empty((count, self.features // len(KERNELS), self.length * len(KERNELS)), np.bool_)
-        for channels, dilation, limits in zip(own.channels, own.dilations.tolist(), self._limits, strict=True):
+        for channels, dilation, limits in zip(self.channels, self.dilations.tolist(), self._limits, strict=True):
             end = begin + len(limits)
             convolved = convolve(windows, channels, dilation).reshape(count, 1, -1)
             np.greater(convolved, limits, out=above[:, begin:end])
@@ -142,13 +130,12 @@ class MiniRocket:
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """For a model file; `from_arrays` reads them."""
-        parameters = self.parameters
         return {
             "rocket_length": np.int64(self.length).reshape(1),
-            "rocket_dilations": parameters.dilations,
-            "rocket_channels": parameters.channels,
-            "rocket_counts": np.array([len(bias) for bias in parameters.biases]),
-            "rocket_biases": np.concatenate([bias.ravel() for bias in parameters.biases]),
+            "rocket_dilations": self.dilations,
+            "rocket_channels": self.channels,
+            "rocket_counts": np.array([len(bias) for bias in self.biases]),
+            "rocket_biases": np.concatenate([bias.ravel() for bias in self.biases]),
         }
 
     @classmethod
@@ -162,7 +149,7 @@ class MiniRocket:
             raise ValueError(f"rocket_dilations do not fit windows of {length} frames")
         ends = np.cumsum(counts)
         rows = array_in(arrays, "rocket_biases", (int(ends[-1]) * len(KERNELS),), np.float32).reshape(-1, len(KERNELS))
-        return cls(length, RocketParameters(dilations, channels, tuple(np.split(rows, ends[:-1]))))
+        return cls(length, dilations, channels, np.split(rows, ends[:-1]))
 
 
 def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> NDArray[np.bool_]:

@@ -47,7 +47,7 @@ class SegmentClassifier:
     def from_arrays(cls, arrays: Arrays, movements: int, parts: int) -> Self:
         """The inverse of `arrays`; ValueError if they do not fit."""
         rocket = MiniRocket.from_arrays(arrays)
-        if rocket.length != LENGTH or rocket.parameters.channels.shape[2:] != (2 * parts,):
+        if rocket.length != LENGTH or rocket.channels.shape[2:] != (2 * parts,):
             raise ValueError(f"rocket_length, rocket_channels do not fit {LENGTH} frames of {parts} parts")
         size = rocket.features + 1
         return cls(

@@ -133,7 +133,7 @@ class Stacked(LearnsStreams):
             model = self._assembled(header, phase, table, [place[n] for n in fold if n in place], self.memory, part)
             watched = [n for n in fold if n in cross_validation.watched]
             apart = list(streams_left_out(streams, examples, gone, part))
-            rows.append(rows_of_fold(model, examples, watched, apart, cross_validation.watched_s))
+            rows.append(rows_of_fold(model, examples, watched, apart))
         stacker, results, strange = held_out_results(
             PRIOR, _task_of(header, examples, streams), rows, cross_validation.shares
         )

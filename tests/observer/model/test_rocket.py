@@ -34,9 +34,7 @@ def convolution(window, channels, twos, dilation):
 def plain_features(rocket, window):
     """The features of one window, one after the other, with the smallest distance to a bias beside each."""
     features, distances = [], []
-    for n, (dilation, chosen, biases) in enumerate(
-        zip(rocket.parameters.dilations, rocket.parameters.channels, rocket.parameters.biases, strict=True)
-    ):
+    for n, (dilation, chosen, biases) in enumerate(zip(rocket.dilations, rocket.channels, rocket.biases, strict=True)):
         of_dilation = np.empty((2, *biases.shape))
         for kernel, twos in enumerate(combinations(range(9), 3)):
             convolved = convolution(window, chosen[kernel], twos, dilation)
