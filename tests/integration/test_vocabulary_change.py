@@ -137,6 +137,13 @@ def test_the_durations_of_movements_are_those_that_the_observers_agree_on(mesh, 
     mesh.run(partial(serve, [scene], "a", mesh.peer("standby")))
     agreed = heard.until(lambda m: isinstance(m, VocabularyMessage) and m.movements == times(rest_s=0.5, period_s=0.5))
     assert (agreed.hash, agreed.fusion) == (OLD.digest, "a")
-    asked = [decode(VocabularyMessage, payload) for _, payload in mesh.peer().ask_each(scene.keys.vocabulary, 1.0)]
-    assert sorted(message.fusion or "" for message in asked) == ["", "", "", "a"]
-    assert next(message for message in asked if message.fusion == "a").movements == agreed.movements
+    hub = mesh.peer()
+
+    def asked():
+        """What all answer; none while one of them is late."""
+        answers = [decode(VocabularyMessage, payload) for _, payload in hub.ask_each(scene.keys.vocabulary, 1.0)]
+        return answers if len(answers) > len(CAMERAS) else None
+
+    answers = until(asked)
+    assert sorted(message.fusion or "" for message in answers) == ["", "", "", "a"]
+    assert next(message for message in answers if message.fusion == "a").movements == agreed.movements
