@@ -8,7 +8,6 @@ from common import MINUTE_NS
 from common.inbox import Arrival
 from common.keys import IDENTIFIER, observer_of
 from common.messages import ObserverStatistics, PosteriorMessage
-from common.status import ProcessStatus
 from common.wire import BadMessage, decode_from
 from fusion.engine.engine import FusionEngine
 
@@ -65,14 +64,14 @@ class RejectionLog:
 class PosteriorIngest:
     """Passes the posteriors of one scene to its engine; the observer's id comes from the key."""
 
-    def __init__(self, engine: FusionEngine, status: ProcessStatus, clock: Callable[[], int]) -> None:
-        self._engine, self._status, self._clock = engine, status, clock
+    def __init__(self, engine: FusionEngine, clock: Callable[[], int]) -> None:
+        self._engine, self._clock = engine, clock
         self._rejections = RejectionLog()
         self._roster = frozenset(engine.rejected)
 
-    def take(self, *arrivals: Arrival) -> None:
-        """Take messages; a bad one is counted and dropped, never raised."""
-        now_ns, frames = self._clock(), []
+    def take(self, *arrivals: Arrival) -> list[int]:
+        """Take messages; a bad one is counted and dropped, never raised. Returns the capture times of those used."""
+        now_ns, frames = self._clock(), list[int]()
         for arrival in arrivals:
             observer = observer_of(arrival.key)
             if observer not in self._roster:
@@ -90,8 +89,7 @@ class PosteriorIngest:
                 frames.append(message.captured_ns)
             else:
                 self._log(observer, reason, f"seq {message.seq} of session {message.session}", now_ns)
-        if frames:
-            self._status.record_frames(frames, now_ns)
+        return frames
 
     def statistics(self, roster: Sequence[str]) -> dict[str, ObserverStatistics]:
         """Clock skew and rejected messages of each observer of the scene, and of others that sent some."""

@@ -108,7 +108,7 @@ class SceneWorker:
         self._posteriors, alive = self._session.newest(*names), scene.keys.observer_alive
         self.present = self._session.presence(alive(), map(alive, scene.roster))
         self._alive: frozenset[str] | None = None
-        self._ingest = PosteriorIngest(engine, status, service.clock)
+        self._ingest = PosteriorIngest(engine, service.clock)
         status_keys = scene.keys.observer_status()
         self._clocks = ClockQuerier(self._session, status_keys, self._clock, service.wake, service.ask_clocks_s)
         is_full = scene.fusion.votes == "full"
@@ -146,8 +146,8 @@ class SceneWorker:
         self._received_s = self._ticks() if arrivals else self._received_s
         read = newest(arrivals)
         self._load.record(round(self._ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
-        if read:
-            self._ingest.take(*read)
+        if read and (frames_ns := self._ingest.take(*read)):
+            self._status.record_frames(frames_ns, self._clock())
         if self.present.alive is not self._alive:
             # After the posteriors: a last one must not bring back an observer that has gone.
             self._alive = self.present.alive

@@ -12,7 +12,6 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig, default_quorum
 from common.inbox import Arrival
 from common.messages import PosteriorMessage, VocabularyReference
-from common.status import ProcessStatus
 from common.vocabulary import ABSTAIN
 from common.wire import encode
 from fusion.engine.engine import FusionEngine
@@ -103,8 +102,7 @@ class _Trial:
         config = FusionConfig(quorum=min(default_quorum(case.judges), seeing))
         self.engine = FusionEngine("dojo", [*honest, HOSTILE], person.vocabulary, config)
         self.now_ns = BEGAN_NS
-        status = ProcessStatus("dojo", "fusion")
-        self.ingest = PosteriorIngest(self.engine, status, lambda: self.now_ns)
+        self.ingest = PosteriorIngest(self.engine, lambda: self.now_ns)
         self.reference = VocabularyReference(name=person.vocabulary.name, hash=person.vocabulary.digest)
         self.own = person.course("side")
         self.hostile = STRATEGIES.get(case.strategy)

@@ -18,7 +18,6 @@ from message_fields_of import field_names
 
 from common.config import FusionConfig
 from common.inbox import Arrival
-from common.status import ProcessStatus
 from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.engine.engine import FusionEngine
 from fusion.ingest import PosteriorIngest
@@ -73,7 +72,7 @@ def test_bad_messages_change_no_judgement(caplog):
     caplog.set_level(logging.CRITICAL, "labanmesh.fusion")
     quiet, now_ns = new_engine(), NOON_NS
     noisy = new_engine(LeadingEngine, quiet)
-    ingest = PosteriorIngest(noisy, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
+    ingest = PosteriorIngest(noisy, lambda: now_ns)
     mutator, before_kb, compared = Mutator(SEED + 1), peak_kb(), 0
     for n in range(MESSAGES):
         observer = OBSERVERS[n % len(OBSERVERS)]
@@ -98,7 +97,7 @@ def test_bad_messages_change_no_judgement(caplog):
 
 def test_an_observer_counts_again_after_forged_messages_in_its_name():
     engine, now_ns, mutator = new_engine(), NOON_NS, Mutator(SEED + 2)
-    ingest = PosteriorIngest(engine, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
+    ingest = PosteriorIngest(engine, lambda: now_ns)
     for n in range(MESSAGES // 10):
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n, now_ns))
@@ -154,7 +153,7 @@ def spoiled(**fields):
 )
 def test_each_reason_is_counted_and_changes_no_judgement(payload, reason):
     engine = new_engine()
-    ingest = PosteriorIngest(engine, ProcessStatus(SCENE, "fusion"), lambda: NOON_NS)
+    ingest = PosteriorIngest(engine, lambda: NOON_NS)
     for observer in OBSERVERS:
         ingest.take(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
     before = engine.step(NOON_NS).judgement
