@@ -42,15 +42,15 @@ class SignedCertificate:
     expires: datetime
 
 
-def make_authority(scenes: str, now: datetime, days: int = AUTHORITY_DAYS, only_for: Sequence[str] = ()) -> KeyPair:
-    """A new authority that signs itself, valid for `days`; `now` is timezone-aware, `scenes` names it for people.
+def make_authority(scenes: str, now: datetime, only_for: Sequence[str] = ()) -> KeyPair:
+    """A new authority that signs itself, valid for AUTHORITY_DAYS; `now` is timezone-aware, `scenes` names it.
 
     only_for: domains and IP networks; who trusts the authority trusts it for hosts in them alone (RFC 5280, 4.2.1.10).
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _subject(f"labanmesh {scenes}"[:64])
     builder = (
-        _builder(name, name, key.public_key(), now, now + timedelta(days=days))
+        _builder(name, name, key.public_key(), now, now + timedelta(days=AUTHORITY_DAYS))
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(_usage("key_cert_sign crl_sign"), critical=True)
     )

@@ -37,12 +37,14 @@ class FittedLens:
     left_out: tuple[int, ...] = ()
 
 
-def fit_lens(camera: CameraDetections, board: Board, most: int = MOST_PICTURES) -> FittedLens:
+def fit_lens(camera: CameraDetections, board: Board) -> FittedLens:
     """The lens with the least squared reprojection error (by OpenCV), with k3 fixed at 0.
 
     Raises BadInput when the board is detected in fewer than four pictures or always from the same direction.
     """
-    chosen = _spread_evenly(camera.boards, most)
+    count = len(camera.boards)
+    # Evenly over time.
+    chosen = [camera.boards[n] for n in np.unique(np.linspace(0, count - 1, min(MOST_PICTURES, count)).astype(int))]
     if len(chosen) < FEWEST_PICTURES:
         raise BadInput(
             f"{camera.name}: board detected in {len(chosen)} of {plural(camera.picture_count, 'picture')}; the lens "
@@ -70,11 +72,6 @@ def check_plausible(camera: CameraDetections, K: Floats) -> None:
 
 def _limit(errors: list[float]) -> float:
     return max(OUTLIER_PX, OUTLIER_TIMES * float(np.median(errors)))
-
-
-def _spread_evenly(boards: tuple[BoardDetection, ...], most: int) -> list[BoardDetection]:
-    """At most `most` detections, evenly over time."""
-    return [boards[n] for n in np.unique(np.linspace(0, len(boards) - 1, min(most, len(boards))).astype(int))]
 
 
 def _fitted(camera: CameraDetections, chosen: list[BoardDetection], board: Board) -> FittedLens:

@@ -39,9 +39,7 @@ Clock = Callable[[], int]
 Item = tuple[int, Picture | None, PreviewFrame]
 
 
-def open_preview(
-    target: str, rate_hz: float, *, keep_all: bool = False, title: str = "labanmesh", folder: Path | None = None
-) -> "PreviewThread":
+def open_preview(target: str, rate_hz: float, *, keep_all: bool = False, folder: Path | None = None) -> "PreviewThread":
     """Open `target`: `window`, FILE.mp4, FILE.avi, FILE.png, a name with %d, or a folder of pictures.
 
     rate_hz: of a film. keep_all: paint every picture even if the observer must wait, for recordings played as fast as
@@ -54,7 +52,7 @@ def open_preview(
     if target == "window":
         reason = why_no_window()
         if not reason:
-            return PreviewThread(Window(title), keep_all=False)
+            return PreviewThread(Window("labanmesh"), keep_all=False)
         path = (folder or Path()) / FALLBACK
         log.warning("cannot open a window: %s; the preview is written to %s", reason, path)
         return PreviewThread(Film(path, rate_hz, keep_all, unnamed=True), keep_all)

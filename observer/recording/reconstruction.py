@@ -54,10 +54,10 @@ def common_instants(tracks: Sequence[CameraTracks], rate_hz: float) -> NDArray[n
     return begin + np.round(np.arange(int((end - begin) * rate_hz / 1e9 + 1e-6) + 1) * 1e9 / rate_hz).astype(np.int64)
 
 
-def resample_tracks(camera: CameraTracks, at_ns: NDArray[np.int64], longest_gap_s: float = TRACK_GAP_S) -> Floats:
+def resample_tracks(camera: CameraTracks, at_ns: NDArray[np.int64]) -> Floats:
     """(K, P, 2) centres at these instants, by linear interpolation.
 
-    NaN before the first observation of a part, after its last, and in gaps longer than `longest_gap_s`.
+    NaN before the first observation of a part, after its last, and in gaps longer than TRACK_GAP_S.
     """
     result = np.full((len(at_ns), *camera.centres.shape[1:]), np.nan)
     # Relative to the first instant, since a float cannot hold nanoseconds since 1970 exactly.
@@ -66,18 +66,18 @@ def resample_tracks(camera: CameraTracks, at_ns: NDArray[np.int64], longest_gap_
         observed = np.isfinite(camera.centres[:, part]).all(axis=-1)
         if observed.any():
             values = camera.centres[observed, part]
-            result[:, part] = _interpolate(times[observed], values, wanted, longest_gap_s)
+            result[:, part] = _interpolate(times[observed], values, wanted)
     return result
 
 
-def _interpolate(times: Floats, values: Floats, wanted: Floats, longest_gap_s: float) -> Floats:
+def _interpolate(times: Floats, values: Floats, wanted: Floats) -> Floats:
     """(F,) increasing times, (F, D) values -> (K, D) at the wanted times."""
     after = np.clip(np.searchsorted(times, wanted - SAME_S), 0, len(times) - 1)
     before = np.maximum(after - 1, 0)
     gap = times[after] - times[before]
     exact = np.abs(times[after] - wanted) <= SAME_S
     weight = np.where(exact, 1.0, (wanted - times[before]) / np.where(gap > 0, gap, 1.0))[:, None]
-    known = exact | ((gap > 0) & (gap <= longest_gap_s) & (wanted > times[before]) & (wanted < times[after]))
+    known = exact | ((gap > 0) & (gap <= TRACK_GAP_S) & (wanted > times[before]) & (wanted < times[after]))
     return np.where(known[:, None], (1 - weight) * values[before] + weight * values[after], np.nan)
 
 
@@ -164,10 +164,10 @@ def _nanmedian(values: Floats) -> Floats:
     return np.where(known, result, np.nan)
 
 
-def fill_gaps(positions: Floats, rate_hz: float, longest_s: float = SHORT_S) -> Floats:
-    """(K, P, 3) -> the same with gaps of at most `longest_s` filled by straight lines."""
+def fill_gaps(positions: Floats, rate_hz: float) -> Floats:
+    """(K, P, 3) -> the same with gaps of at most SHORT_S filled by straight lines."""
     result = positions.copy()
-    most = longest_s * rate_hz + 1e-9
+    most = SHORT_S * rate_hz + 1e-9
     for part in range(positions.shape[1]):
         known = np.flatnonzero(np.isfinite(positions[:, part]).all(axis=-1))
         for before, after in pairwise(known):

@@ -145,9 +145,7 @@ PERFECT = Scenery()
 """A plain wall, a perfect camera, steady light."""
 
 
-def aimed_matrix(
-    view: View, standing: Stature, size_px: tuple[int, int] = (640, 480), distance: float = DISTANCE
-) -> Floats:
+def aimed_matrix(view: View, standing: Stature, size_px: tuple[int, int] = (640, 480)) -> Floats:
     """(3, 4) pinhole camera aimed at the middle of the performer from the direction of a view (door, yaw:45).
 
     The matrix of a camera file is returned unchanged.
@@ -156,7 +154,7 @@ def aimed_matrix(
         return view.matrix
     yaw_rad, pitch_rad = _direction(view.matrix)
     centre_px = ((size_px[0] - 1) / 2, (size_px[1] - 1) / 2)
-    return pinhole_matrix(yaw_rad, pitch_rad, distance, FOCAL * size_px[1], centre_px, tuple(standing.middle))
+    return pinhole_matrix(yaw_rad, pitch_rad, DISTANCE, FOCAL * size_px[1], centre_px, tuple(standing.middle))
 
 
 def _direction(parallel: Floats) -> tuple[float, float]:
