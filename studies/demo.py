@@ -165,7 +165,7 @@ def _process(command: list[str], **streams: object) -> Iterator[subprocess.Popen
 
 @contextlib.contextmanager
 def _subscribed(inbox: Inbox, scene: Scene, traffic: DemoTraffic) -> Iterator[threading.Event]:
-    """Collect messages in a thread until the block is left and the inbox is empty; yields what the first sets."""
+    """Collect messages in a thread until the block ends and the inbox is empty; yields an event that the first sets."""
     done, arrived = threading.Event(), threading.Event()
 
     def collect() -> None:

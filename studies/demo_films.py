@@ -62,12 +62,12 @@ class FilmRate:
 
     @property
     def share(self) -> float:
-        """What the films take of it; above MOST_SHARE the machine is too slow."""
+        """The share of the machine that the films take; above MOST_SHARE it is too slow."""
         return self.cameras * self.rate_hz / max(self.tracked_per_s, 1e-9)
 
     @property
     def text(self) -> str:
-        """What was measured and chosen, in one line."""
+        """The measurement and the chosen rate, in one line."""
         width, height = FILM_SIZE_PX
         line = (
             f"this machine tracks about {self.tracked_per_s:.0f} pictures a second in {self.cameras} processes; "
@@ -95,7 +95,7 @@ class FilmedCorner:
 
 
 def film_performance(corners: Sequence[FilmedCorner], scene_file: Path, progress: Progress) -> FilmRate:
-    """Measure what the scene's observers can track here, write their films at the best rate, and return that.
+    """Measure how many pictures a second the scene's observers can track here, write films at that rate, and return it.
 
     The observers of `scene_file` play these films. One process for each measures, all at once, and films.
     """

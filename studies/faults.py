@@ -1,4 +1,4 @@
-"""Faulty observers for `labanmesh evaluate --fault VIEW=KIND`: what they see or output instead. Seeded, pure."""
+"""Faulty observers for `labanmesh evaluate --fault VIEW=KIND`: changed input or output. Seeded, pure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What each observer outputs about the people whom its model has not learned from: the costly part of an evaluation.
+"""The output of each observer on people that its model has not learned from: the costly part of an evaluation.
 
 Observers do not know of each other, so that each fold of each observer is a part of its own (common.parallel): its
 model is learned once, and judges trials, streams and other motion.
@@ -39,7 +39,7 @@ from studies.trials import EvaluationTrial, Split, strung, with_labels
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OutputCourse:
-    """What one observer outputs in the F frames of one recording.
+    """The output of one observer in the F frames of one recording.
 
     p (F, M); rest (F,); visible (F,) whether any body part is seen; unlearned (F,), NaN where it is not estimated;
     facing (F, M, K), None for a model without facings. raw: the same before calibration, where it is asked for.
@@ -84,7 +84,7 @@ class FoldPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoldCourses:
-    """What one observer outputs in one fold, and the seconds and frames that this took."""
+    """The output of one observer in one fold, with the seconds and frames that it took."""
 
     trials: Sequence[OutputCourse | None]
     streams: Sequence[OutputCourse]
@@ -108,7 +108,7 @@ class ObservedFold:
 
     @property
     def stream_courses(self) -> list[tuple[Recording, list[OutputCourse]]]:
-        """Each stream with what every observer outputs about it."""
+        """Each stream with the output of every observer."""
         return [(stream, [each.streams[n] for each in self.courses]) for n, stream in enumerate(self.streams)]
 
 
@@ -222,7 +222,7 @@ def _watch_trial(trial: EvaluationTrial, part: FoldPart, model: MovementModel) -
 
 
 def watch(observer: Observer, recording: Recording, raw: bool = False, ends: bool = False) -> OutputCourse:
-    """What a new observer outputs in each frame of a recording; raw: also before calibration.
+    """The output of a new observer in each frame of a recording. raw: also before calibration.
 
     ends: the movement ends with the recording, and the last output is that of an observer that has noticed.
     """

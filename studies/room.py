@@ -1,4 +1,4 @@
-"""What a person does before a trial of `labanmesh evaluate --room EVENT=NUMBER`: walks in, comes nearer. Seeded, pure.
+"""Events before a trial, `labanmesh evaluate --room EVENT=NUMBER`: the person walks in, comes nearer. Seeded, pure.
 
 Real rooms expose what cut-out recordings hide: features that remember an earlier place or size of the person.
 """

@@ -67,7 +67,7 @@ def with_parts(archive: MotionArchive, parts: tuple[str, ...]) -> MotionArchive:
 
 
 def key_of(recording: Recording) -> tuple[str, str, str]:
-    """What all recordings of one performance share: label, subject and trial."""
+    """The key that all recordings of one performance share: label, subject and trial."""
     return recording.label, recording.subject, recording.trial
 
 

@@ -74,7 +74,7 @@ def folds_of(archive: MotionArchive, settings: EvaluationSettings, shown: Sequen
 
 
 def streams_of(archive: MotionArchive, people: set[str]) -> tuple[Recording, ...]:
-    """All recordings of these people from which models learn what else people do."""
+    """All recordings of these people from which models learn something else."""
     return (*continuous(archive, people), *without_movement(archive, people))
 
 

@@ -1,4 +1,4 @@
-"""What is learned and what is judged: movements, people, turns, unknown onsets. Seeded, pure."""
+"""The training and test data: movements, people, turns, unknown onsets. Seeded, pure."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

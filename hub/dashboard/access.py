@@ -126,7 +126,7 @@ class AccessControl:
         return hmac.compare_digest(word, self._teach_token) or hmac.compare_digest(word, self.teach_key.encode())
 
     def wait_s(self, address: str) -> int:
-        """For how many seconds no word of `address` is looked at, because too many were wrong; 0: it is."""
+        """Seconds for which tokens from `address` are refused unread, after too many wrong ones; 0: they are read."""
         if self._token is None and self._teach_token is None:
             return 0
         return self._guesses.wait_s(address, self._ticks())

@@ -59,7 +59,7 @@ def application(
     teach: TeachPage | None = None,
     history: Sequence[Route] = (),
 ) -> Starlette:
-    """The application; `stream` yields the events of one browser, `is_full` tells whether there are too many.
+    """The application. stream: yields the events of one browser. is_full: whether there are too many browsers.
 
     newest_picture: of a live scene; a capture has no pictures. teach: the Teach page; by default it is off. history:
     the routes of the day page.

@@ -133,7 +133,7 @@ def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
 
 
 def _access(address: Address, path: Path | None, teaches: bool) -> "AccessControl":
-    """Who may read and teach; to teach without a token a new one is made."""
+    """Access to the page and to teaching. Teaching without a token file makes a new token."""
     from hub.dashboard.access import AccessControl, is_loopback
 
     if path is not None or not teaches:

@@ -25,7 +25,7 @@ class GuessLimit:
     _wrong: "OrderedDict[str, dict[bytes, float]]" = field(default_factory=OrderedDict)
 
     def wait_s(self, address: str, now_s: float) -> int:
-        """For how many seconds `address` is not answered; 0: it is."""
+        """Seconds for which `address` is refused; 0 if it is not."""
         words = self._wrong.get(address)
         if words is None:
             return 0

@@ -71,7 +71,7 @@ class SceneHistory:
 
     @property
     def gone(self) -> frozenset[str]:
-        """Observers whose process was present and is not any more."""
+        """Observers whose process was present and has gone."""
         return self.known_observers - self.present
 
     def update(self, state: SceneState, message: SceneMessage | None) -> "SceneHistory":
@@ -167,7 +167,7 @@ class CaptureTimeline:
         return [(round((at_ns - self.began_ns) / SECOND_NS, 2), label) for at_ns, label in self._marks.values()]
 
     def history(self, at_ns: int, with_minute: bool = False) -> SceneHistory:
-        """What was known at `at_ns`; the minute before it only on request, because it takes longer."""
+        """The state at `at_ns`. The minute before it is included only on request, because that takes longer."""
         state = SceneState(self._scene.scene, self._scene.roster, at_ns)
         for key, statuses in self._statuses.items():
             place = statuses.place(at_ns)

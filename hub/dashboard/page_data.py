@@ -33,7 +33,7 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class PageSetup:
-    """What does not change while the page is open. span_s: the length of the capture; None: the scene is live.
+    """The data that do not change while the page is open. span_s: the capture's length; None: the scene is live.
 
     pictures: the observers whose live pictures are switched on, and how many a second. teaches: there is a Teach page.
     file: the scene file, as it is written in a command; "" of a capture. sure: the probability that a verdict needs.
@@ -114,7 +114,7 @@ def state_data(history: "SceneHistory") -> Json:
 
 
 def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int | None) -> Json:
-    """One line of the log, and what opens under it."""
+    """One line of the log, with the details that open below it."""
     # Without the names of the movements, numbers would say less than the sentences do.
     state = history.state
     is_named = state.vocabulary is not None and state.vocabulary.hash == verdict.vocabulary.hash

@@ -87,7 +87,7 @@ def follow(
 
 
 def first_history(scene: "Scene") -> SceneHistory:
-    """What is known before anything has been received."""
+    """The state before the first message."""
     return SceneHistory(SceneState(scene.scene, scene.roster, services=scene.services))
 
 

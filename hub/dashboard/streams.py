@@ -32,7 +32,7 @@ def event(kind: EventKind, fields: Mapping[str, object]) -> bytes:
 
 
 class Outbox:
-    """What waits for one browser; starts behind, so that the first thing it gets is a snapshot."""
+    """The queue of one browser. It starts as outdated, so that the browser first gets a snapshot."""
 
     def __init__(self, limit: int = OUTBOX_LIMIT) -> None:
         self._limit = limit
@@ -85,7 +85,7 @@ class LiveStream:
         return len(self._browsers) >= BROWSERS_LIMIT
 
     def publish(self, history: SceneHistory, verdict: bytes | None = None, state: bytes | None = None) -> None:
-        """Set what is known now, and send the events of what is new in it; returns at once."""
+        """Set the current state and send an event for each change; returns at once."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._distribute, history, verdict, state)
 

@@ -1,4 +1,4 @@
-"""What the Teach page gets and sends as JSON: how the lesson stands, and what was typed and pressed. Pure."""
+"""The JSON of the Teach page: the state of the lesson for the page, and requests from it. Pure."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -61,7 +61,7 @@ def tracks_data(tracks: ShownTracks) -> Json:
 
 
 def take_number(text: str) -> int | None:
-    """The number of a take in an address; None for what no take can have."""
+    """The number of a take in a URL; None if no take can have it."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) <= TAKE_DIGITS else None
 
 
@@ -89,7 +89,7 @@ def plan_of(fields: Mapping[str, Any], known: list[str], teacher: str) -> Lesson
 
 
 def action_of(fields: Mapping[str, Any]) -> Action:
-    """What was pressed; raises BadInput."""
+    """The action that was pressed; raises BadInput for an unknown one."""
     kind, take = ACTIONS.get(str(fields.get("action"))), fields.get("take", 0)
     if kind is None or not isinstance(take, int) or isinstance(take, bool) or take < 0:
         raise BadInput(f"action: one of {', '.join(ACTIONS)} is expected")
@@ -182,7 +182,7 @@ def _lesson(lesson: "PageLesson") -> Json:
 
 
 def _is_outcome(line: "Line") -> bool:
-    """Whether a line says how the test went; others announce what to do."""
+    """Whether a line reports a result of the test; the others announce what to do."""
     return (line.is_test or line.kind == "alarms") and not line.text.startswith("now ")
 
 
@@ -210,7 +210,7 @@ def _verdict(verdict: VerdictMessage) -> Json:
 
 
 def _news(lesson: "PageLesson") -> list[str]:
-    """What was said about what is shown now: the last take; why the lesson cannot go on."""
+    """The lines on the step that is shown: on the last take, or why the lesson cannot go on."""
     lines, step = lesson.interface.shown.lines, lesson.interface.shown.step
     if lesson.over:
         return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault and not lesson.stopped else []

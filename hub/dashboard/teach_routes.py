@@ -106,7 +106,7 @@ class TeachPage:
         self._ended = True
 
     def _admitted(self, handle: Handle) -> Handle:
-        """Only for those who have the token, in the header; a BadInput is answered as one line."""
+        """Require the token in the header, and answer a BadInput with its one line."""
 
         async def answer(request: Request) -> Response:
             address, authorization = address_of(request), request.headers.get("authorization", "")
@@ -212,7 +212,7 @@ class TeachPage:
 
 
 def is_foreign(request: Request) -> bool:
-    """Whether a browser says that another page sends this request; programs say nothing."""
+    """Whether the browser marks this request as sent by another page; programs send no such mark."""
     site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")
     if site is not None:
         return site not in ("same-origin", "none")

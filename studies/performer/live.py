@@ -1,4 +1,4 @@
-"""A synthetic performer who acts when asked, in real time, and stands still in between. Pure.
+"""A synthetic performer that acts on request, in real time, and stands still in between. Pure.
 
 Times are seconds of any clock that does not run backwards.
 """

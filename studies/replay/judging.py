@@ -174,7 +174,7 @@ def _from_judgements(
 
 
 def _step(judgement: JudgementMessage) -> tuple[str, str | None, int]:
-    """What identifies a step."""
+    """The key of a step."""
     return judgement.fusion, judgement.session, judgement.seq
 
 

@@ -104,7 +104,7 @@ class _Choice:
 
 
 def lines_of(words: str, fields: Mapping[str, Any]) -> Iterator[str]:
-    """What people read: the score with those of the judges, then the remarks; or why there is none."""
+    """The lines for people: the score with the judges' scores, then the remarks; or why there is no score."""
     if fields["score"] is None:
         yield f"{words}: not scored, {fields['uncertain']}"
         return

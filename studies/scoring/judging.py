@@ -65,7 +65,7 @@ def learned_references(
 
 
 def pooled(scores: Mapping[str, JudgeScore]) -> float | None:
-    """The referee's score of those that judge; None if nobody does."""
+    """The referee's score, pooled from the judges that have one; None without any."""
     return pooled_score({n: JudgedScore(s.score, s.certainty) for n, s in scores.items() if s.score is not None})
 
 
@@ -76,7 +76,7 @@ def agreed_remarks(scores: Mapping[str, JudgeScore]) -> list[Remark]:
 
 @dataclass(frozen=True, slots=True)
 class ScoredPerformance:
-    """A performance with all that was said about it. uncertain: why it has no score."""
+    """A performance with its scores and remarks. uncertain: why it has no score."""
 
     scores: Mapping[str, JudgeScore]
     references: int
