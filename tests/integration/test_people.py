@@ -1,12 +1,12 @@
 """Two people in one scene, between real Zenoh peers: whose verdicts, standby, restarts, plain and hostile observers."""
 
 import pytest
-from mesh_stage import LOOPBACK, NAMED, posterior, up_to
+from mesh_stage import LOOPBACK, NAMED, first, posterior, up_to
 from processes import SOON_S
 
 from common.config import read_scene
 from common.floor_place import FloorPlace
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.wire import decode
 from fusion.server import serve
 
@@ -185,7 +185,10 @@ def test_a_service_that_shares_the_scene_takes_over_both_movements(room):
     room.scene = room.scene.model_copy(update={"fusion": fusion})
     room.begin("a", shared=True)
     room.judgement(of("right"))
+    statuses = room.hub.inbox(room.keys.fusion_status("b"))
     room.begin("b", shared=True)
+    # It learns of movements from messages, and hears none before it stands by.
+    first(statuses, StatusMessage, lambda status: status.state == "running")
     room.people = MOVING
     ids = [verdict.id for verdict in room.verdicts(*DECIDED)]
     room.judgement(lambda j: j.person == "right" and j.movement is not None and j.movement.id == ids[1])
