@@ -46,6 +46,7 @@ class RepetitionCounter:
         # Where the person turned last, or began.
         self._from: Floats | None = None
         self._stayed, self._over, self._rested = np.zeros(shape[0]), np.zeros(shape[0], np.bool_), 0
+        self._ended = False
 
     def update(self, row: Floats32, resting: bool) -> None:
         """Take in one frame: (2 P + 3,) row of the trace, and whether the person rests."""
@@ -61,6 +62,10 @@ class RepetitionCounter:
         turned = self._farthest - place >= self._least
         if turned.any():
             self._turn(turned, place, self._from)
+
+    def end(self) -> None:
+        """There are no more frames."""
+        self._ended = True
 
     def _turn(self, turned: NDArray[np.bool_], place: Floats, since: Floats) -> None:
         """since: where the person turned before, or began."""
@@ -83,13 +88,20 @@ class RepetitionCounter:
     def _counted(self, place: int) -> tuple[float, float]:
         """Periods of a movement, and how many went less far, along the axis on which the person moved most."""
         n = int(self._energy[place].argmax())
-        return float(self._far[place, n]) + self._begun(place, n) / 2, float(self._partial[place, n])
+        return float(self._far[place, n]) + self._begun(place, n), float(self._partial[place, n])
 
-    def _begun(self, place: int, n: int) -> bool:
-        """Whether the person has left home for the next repetition, and not come back."""
+    def _begun(self, place: int, n: int) -> float:
+        """Of the next repetition: 1/2 once the person has left home for it, and not come back.
+
+        Who rests as far as it usually goes, or is not seen any more from there on, has done it: 1.
+        """
         if self._from is None or self._sense[place, n] < 0:
-            return False
-        return bool(self._farthest[place, n] - self._from[place, n] >= self._least[place, 0])
+            return 0.0
+        reach = self._farthest[place, n] - self._from[place, n]
+        if reach < self._least[place, 0]:
+            return 0.0
+        is_over = self._ended or self._rested > 0
+        return 1.0 if is_over and reach >= PARTIAL * self._usual[place, n] else 0.5
 
     def count(self, movement: int) -> float | None:
         """Periods of the movement since it began; None if it is not periodic."""

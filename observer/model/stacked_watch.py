@@ -82,6 +82,8 @@ class StackedWatch(Watch):
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
         self._ended = True
+        if self._repetitions is not None:
+            self._repetitions.end()
         if len(self._rows):
             self._classify(over=True)
 

@@ -161,6 +161,28 @@ def test_the_other_hand_counts_too_and_what_is_not_periodic_has_no_count():
     assert counter.count(0) == pytest.approx(5, abs=1) and counter.count(1) is None
 
 
+def test_a_repetition_whose_return_is_not_seen_counts_if_it_went_as_far_as_usual(claps):
+    """A film that is cut at the far side, or somebody who stays there."""
+    whole = strokes(3, 0.8, 0.2, 1.0)
+    far = len(whole) - 1 - int(np.abs(whole[::-1]).argmax())
+    cut = whole[: far + 1]
+    counter = RepetitionCounter({1: claps}, RATE_HZ)
+    for row in trace_of(cut, np.random.default_rng(0)):
+        counter.update(row, resting=False)
+    assert counter.count(1) == 2.5
+    counter.end()
+    assert counter.count(1) == 3
+    stays = np.concatenate([cut, np.full(10, cut[-1]), whole[far + 1 :]])
+    counts = counts_of(claps, stays, rests=range(len(cut) + 5, len(cut) + 10))
+    assert counts[len(cut)] == 2.5 and counts[len(cut) + 8] == counts[-1] == 3
+    little = np.concatenate([strokes(2, 0.8, 0.2, 1.0), cut[: int(0.25 * len(cut) / 3)] * 0.4])
+    counter = RepetitionCounter({1: claps}, RATE_HZ)
+    for row in trace_of(little, np.random.default_rng(0)):
+        counter.update(row, resting=False)
+    counter.end()
+    assert counter.count(1) < 3
+
+
 REPEATED = ("horizontal_arm_wave", "jogging", "do_two_jumping_jacks", "fly_like_a_bird", "swim", "walk_in_place")
 SINGLE = (
     "forward_punch", "hand_catch", "high_throw", "side_kick", "right_punch", "left_punch", "back_fist", "punch",
