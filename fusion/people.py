@@ -5,10 +5,12 @@ The design: people.md. Places are (2,) x and z on the floor in metres, covarianc
 1. An observer's track is of one person for as long as it lives: observers give a new id where they may have exchanged
    two people. So a track keeps its person unless the places of the others speak clearly against it.
 2. The tracks of one observer are of different people: the matching with the least total cost counts.
-3. A track that fits nobody for `BEGIN_S` begins a person, if the scene has one free.
+3. A track that fits nobody for `BEGIN_S` begins a person, if the scene has one free, or has one whom one observer alone
+   sees and two see this one.
 4. A person whom no track shows for `GONE_S` has left. Until then they are expected where they were going.
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,16 +21,13 @@ from common import SECOND_NS
 from common.floor_place import FloorPlace
 from common.matching import best_matching
 from common.probability import Floats
+from fusion.person_motion import Motion
 
 GATE = 9.21
 """Squared Mahalanobis distance within which a track may be a person's: the 99th percentile of chi² with two degrees of
 freedom (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 3.7)."""
 BODY_M = 0.2
 """Standard deviation of where two cameras see one person, beside what each states: half the width of a body."""
-SPEED_CHANGE = 1.0
-"""m/s in a second, standard deviation: people begin to walk, and stop, within a second or two."""
-TURN_S = 1.0
-"""Whom nobody sees goes on for about so long; then they may have stopped or turned round."""
 AGREE_S = 0.5
 """Costs are averaged over so long: the errors of a camera's pictures last as long as a step of a person who walks."""
 KEEP = 3.0
@@ -73,44 +72,6 @@ class _Track:
     compared_ns: int = 0
     is_new: bool = True
     fits: bool = False
-
-
-class Motion:
-    """Where a person is and goes: a Kalman filter with nearly constant velocity.
-
-    Bar-Shalom et al. 2001, section 6.3: discretised white noise in the acceleration; the velocity fades with TURN_S.
-    """
-
-    def __init__(self, at: Floats, covariance: Floats, at_ns: int) -> None:
-        self._mean = np.array([*at, 0.0, 0.0])
-        self._covariance = np.zeros((4, 4))
-        self._covariance[:2, :2], self._covariance[2:, 2:] = covariance, SPEED_CHANGE**2 * np.eye(2)
-        self._at_ns = at_ns
-        self.seen_ns = at_ns
-        """When the person was seen last."""
-
-    def expected(self, at_ns: int) -> tuple[Floats, Floats]:
-        """(2,) and (2, 2): the place at that time and its covariance."""
-        mean, covariance = self._predicted(at_ns)
-        return mean[:2], covariance[:2, :2]
-
-    def update(self, at: Floats, covariance: Floats, at_ns: int) -> None:
-        """Take in where an observer saw the person."""
-        mean, prior = self._predicted(at_ns)
-        gain = np.linalg.solve(prior[:2, :2] + covariance, prior[:2, :]).T
-        self._mean = mean + gain @ (at - mean[:2])
-        posterior = prior - gain @ prior[:2, :]
-        self._covariance = (posterior + posterior.T) / 2
-        self._at_ns, self.seen_ns = max(self._at_ns, at_ns), max(self.seen_ns, at_ns)
-
-    def _predicted(self, at_ns: int) -> tuple[Floats, Floats]:
-        s = max(at_ns - self._at_ns, 0) / SECOND_NS
-        kept = math.exp(-s / TURN_S)
-        step = np.eye(4)
-        step[0, 2] = step[1, 3] = TURN_S * (1 - kept)
-        step[2, 2] = step[3, 3] = kept
-        noise = np.kron([[s**3 / 3, s**2 / 2], [s**2 / 2, s]], np.eye(2)) * SPEED_CHANGE**2
-        return step @ self._mean, step @ self._covariance @ step.T + noise
 
 
 class ScenePeople:
@@ -200,6 +161,27 @@ class ScenePeople:
                 self._people[person].update(track.seen.at, track.seen.covariance, track.seen.at_ns)
             track.is_new = False
 
+    def _given_up(self, due: Sequence[_Track], now_ns: int) -> list[str]:
+        """Whose id those who wait may have, if no id is free: of somebody whom one observer alone sees.
+
+        Only if two observers see the same person wait: one observer, which may invent people, keeps nobody out.
+        """
+        confirmed = any(
+            one.seen.observer != other.seen.observer
+            and _cost(one.seen.at, one.seen.covariance, other.seen.at, other.seen.covariance) < GATE / 2
+            for one, other in itertools.combinations(due, 2)
+        )
+        observers = {
+            person: {t.seen.observer for t in self._fresh(now_ns) if t.person == person} for person in self.ids
+        }
+        given_up = next((person for person, seen_by in observers.items() if len(seen_by) < 2), None)
+        if not confirmed or given_up is None:
+            return []
+        for track in self._tracks.values():
+            if track.person == given_up:
+                track.person, track.since_ns = None, track.seen.at_ns
+        return [given_up]
+
     def _estimate(self, person: str, observer: str, now_ns: int) -> tuple[Floats, Floats]:
         """Where the other observers see the person now; if none does, where the person is expected."""
         seen = [
@@ -235,9 +217,12 @@ class ScenePeople:
         # All of one observer, so that of two who come together none is first by chance; others' may be the same people.
         observer = due[0].seen.observer
         together = [t for t in waiting if t.seen.observer == observer and t.seen.at_ns > t.since_ns]
-        free = [person for person in self.ids if person not in self._people]
+        free = [person for person in self.ids if person not in self._people] or self._given_up(due, now_ns)
         for track, person in zip(sorted(together, key=lambda t: -t.seen.place.at[0]), free, strict=False):
             self._people[person] = Motion(track.seen.at, track.seen.covariance, track.seen.at_ns)
+            for other in self._tracks.values():
+                # Those are of somebody who had this id before.
+                other.costs.pop(person, None)
             track.person, track.costs = person, {person: 0.0}
 
 

@@ -36,7 +36,7 @@ LOST_S = 0.5
 
 
 @dataclass(slots=True)
-class _Followed:
+class _ModelCopy:
     """One copy of the model. body: of the person whom it follows; None: nobody. sides: keeps left and right apart."""
 
     model: PersonModel
@@ -57,7 +57,7 @@ class SeveralPoses:
         require_hand(hand)
         self._rows = [landmarks_of(part, hand) for part in WHOLE_BODY]
         self._new_model, self._name, self.most = new_model, name, most
-        self._followed = [_Followed(new_model())]
+        self._followed = [_ModelCopy(new_model())]
         self._keeper, self._sweep = PersonKeeper(most), Sweep((1, 1))
         self._closing = weakref.finalize(self, _close, self._followed)
         self._first_ns: int | None = None
@@ -96,7 +96,7 @@ class SeveralPoses:
         """Release the threads of the models; no picture may follow."""
         self._closing()
 
-    def _pose(self, one: _Followed, rgb: Rgb, before_ms: int) -> Pose | None:
+    def _pose(self, one: _ModelCopy, rgb: Rgb, before_ms: int) -> Pose | None:
         """The pose of the person whom this copy follows, if it can be that person's."""
         if one.body is None:
             return None
@@ -116,7 +116,7 @@ class SeveralPoses:
         lost = found == 0 or any(one.body is not None and one.seen_ms < self._ms for one in self._followed)
         return self._searched_ms == 0 or self._ms - self._searched_ms >= 1000 * (SEARCH_S if lost else LOOK_S)
 
-    def _search(self, rgb: Rgb, known: Sequence[Body], squares: int) -> list[tuple[_Followed, Pose]]:
+    def _search(self, rgb: Rgb, known: Sequence[Body], squares: int) -> list[tuple[_ModelCopy, Pose]]:
         """Who else is in the picture, each with a copy of the model that follows them from now on."""
         self._searched_ms, size = self._ms, (rgb.shape[1], rgb.shape[0])
         covers = [area_about(body, COVERED * body.height, size, TALL * body.height) for body in known]
@@ -127,13 +127,13 @@ class SeveralPoses:
         bodies = distinct([body for area in areas for body in self._followed[0].model.find(searched, area, self._ms)])
         return [each for body in bodies if (each := self._begin(rgb, body, known)) is not None]
 
-    def _begin(self, rgb: Rgb, body: Body, known: Sequence[Body]) -> tuple[_Followed, Pose] | None:
+    def _begin(self, rgb: Rgb, body: Body, known: Sequence[Body]) -> tuple[_ModelCopy, Pose] | None:
         if any(body.distance(one) < ONE * one.height for one in known):
             return None
         free = [one for one in self._followed if one.body is None or one.seen_ms < self._ms]
         if not free and len(self._followed) >= self.most:
             return None
-        one = free[0] if free else _Followed(self._new_model())
+        one = free[0] if free else _ModelCopy(self._new_model())
         if not free:
             self._followed.append(one)
         one.model.restart()
@@ -144,7 +144,7 @@ class SeveralPoses:
         one.body, one.seen_ms, one.sides = pose.body, self._ms, SideKeeper()
         return one, pose
 
-    def _detection(self, one: _Followed, pose: Pose, size: tuple[int, int]) -> Detection:
+    def _detection(self, one: _ModelCopy, pose: Pose, size: tuple[int, int]) -> Detection:
         landmarks = one.sides.update(pose.landmarks, self._ms, size[0] / size[1])
         return Detection(read_pose(landmarks, size, self._rows).centres, pose.body.u, pose.body.v, pose.body.height)
 
@@ -155,9 +155,9 @@ class SeveralPoses:
         return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
 
 
-def _once(found: Sequence[tuple[_Followed, Pose]], size: tuple[int, int]) -> list[tuple[_Followed, Pose]]:
+def _once(found: Sequence[tuple[_ModelCopy, Pose]], size: tuple[int, int]) -> list[tuple[_ModelCopy, Pose]]:
     """Each person once: of two copies that follow one person the first, the other one follows nobody."""
-    result: list[tuple[_Followed, Pose]] = []
+    result: list[tuple[_ModelCopy, Pose]] = []
     for one, pose in found:
         if any(_is_one(pose, other, size) for _, other in result):
             one.body = None
@@ -173,6 +173,6 @@ def _is_one(pose: Pose, other: Pose, size: tuple[int, int]) -> bool:
     return bool(np.median(apart) < SAME_POSE * other.body.height)
 
 
-def _close(followed: Sequence[_Followed]) -> None:
+def _close(followed: Sequence[_ModelCopy]) -> None:
     for one in followed:
         one.model.close()

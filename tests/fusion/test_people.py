@@ -160,6 +160,17 @@ def test_a_third_person_has_no_id_in_a_scene_of_two():
     assert room.ids("C") == {None} and room.ids("A") == {"1"} and room.ids("B") == {"2"}
 
 
+def test_a_camera_that_invents_people_keeps_nobody_out():
+    room = Room(cameras=("a", "b", "liar"))
+    honest = [("liar", "A"), ("liar", "B")]
+    ghost = [("a", "ghost"), ("b", "ghost")]
+    room.stand({"A": (1, 0), "ghost": (0, 3)}, 1, but=[*honest, *ghost])
+    assert room.who("liar", "ghost") == "2"
+    room.stand({"A": (1, 0), "B": (-1, 0), "ghost": (0, 3)}, 2, but=[*honest, *ghost])
+    assert room.who("a", "A") == "1" and room.who("a", "B") == room.who("b", "B") == "2"
+    assert room.who("liar", "ghost") is None
+
+
 def test_a_glimpse_begins_nobody():
     room = Room()
     room.stand({"A": (1, 0)}, 1)

@@ -109,7 +109,9 @@ def test_each_person_has_verdicts_of_their_own_and_one_who_leaves_ends(room):
 def test_a_standby_service_goes_on_with_the_movements_of_both(room):
     room.begin("a")
     room.judgement(of("right", fusion="a"))
+    statuses = room.hub.inbox(room.keys.fusion_status("b"))
     room.begin("b")
+    up_to(statuses, StatusMessage, lambda s: s.reason == "standing by for a")
     room.people = MOVING
     ids = [verdict.id for verdict in room.verdicts(*DECIDED)]
     room.judgement(lambda j: j.person == "right" and j.movement is not None and j.movement.label == "lunging")
@@ -187,8 +189,8 @@ def test_a_service_that_shares_the_scene_takes_over_both_movements(room):
     room.judgement(of("right"))
     statuses = room.hub.inbox(room.keys.fusion_status("b"))
     room.begin("b", shared=True)
-    # It learns of movements from messages, and hears none before it stands by.
-    first(statuses, StatusMessage, lambda status: status.state == "running")
+    # It listens, or has been handed the scene.
+    up_to(statuses, StatusMessage, lambda s: s.state == "running" and s.reason in ("", "standing by for a"))
     room.people = MOVING
     ids = [verdict.id for verdict in room.verdicts(*DECIDED)]
     room.judgement(lambda j: j.person == "right" and j.movement is not None and j.movement.id == ids[1])
