@@ -1,7 +1,7 @@
 """Two people in one scene, between real Zenoh peers: whose verdicts, standby, restarts, plain and hostile observers."""
 
 import pytest
-from mesh_stage import LOOPBACK, NAMED, first, posterior, up_to
+from mesh_stage import LOOPBACK, NAMED, posterior, up_to
 from processes import SOON_S
 
 from common.config import read_scene
