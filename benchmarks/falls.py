@@ -30,7 +30,7 @@ from common.fall_messages import FallStage
 from fusion.engine.falls import FallDetector
 from observer.geometry.projection import project
 from observer.geometry.views import parse_view
-from observer.lying import LyingReader
+from observer.lying import LyingBorders, LyingReader
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
 from observer.tracks import WHOLE_BODY, Floats
@@ -61,9 +61,11 @@ class WatchedRun:
         return next((at_s for at_s, stage in self.stages if stage == "fallen"), None)
 
 
-def watch(tracks: Sequence[Floats], body_parts: Sequence[str], rate_hz: float) -> WatchedRun:
+def watch(
+    tracks: Sequence[Floats], body_parts: Sequence[str], rate_hz: float, borders: LyingBorders | None = None
+) -> WatchedRun:
     """Let one observer watch each of the (F, P, 2) tracks, and one detector all of them."""
-    readers = [LyingReader(body_parts) for _ in tracks]
+    readers = [LyingReader(body_parts, borders) for _ in tracks]
     detector, stages = FallDetector(FallenConfig().after_s), list[tuple[float, FallStage]]()
     frames = len(tracks[0])
     for frame in range(frames + round(AFTER_S * rate_hz)):

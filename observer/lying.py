@@ -8,6 +8,7 @@ head over the feet; who lies does none of it.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from common import SECOND_NS
 from observer.body import SHRINK_STILL_S
@@ -20,14 +21,6 @@ LEG = THIGH + SHIN
 HEAD_ABOVE_PELVIS = TORSO_LENGTHS["head", "pelvis"]
 UPRIGHT_COSINE = math.cos(math.radians(30))
 """Of a torso that leans by less than 30 degrees the length is measured."""
-STEEP_COSINE = math.cos(math.radians(50))
-"""A torso that leans by 50 degrees is as likely of somebody who lies as of somebody who does not."""
-LOW = LEG / 2
-"""The same for hips at half of their height."""
-ASIDE, FLAT = 1.5, 1.0
-"""A body that lies has the head far aside of the feet or, seen along the body, hardly above them. Somebody who crouches
-or kneels with the torso leaning by 60 degrees has it at most 1.3 aside and at least 1.3 above; people on the floor of a
-room, seen from the side, have it at least 1.7 aside (docs/results/falls.md)."""
 LONG_LEG = 1.25
 """A leg that is so much longer than the torso's length says is that of somebody who leans towards the camera."""
 BORDER_WIDTH = 0.1
@@ -39,13 +32,31 @@ GAP_S = 1.0
 _SIDES = ("left", "right")
 
 
+@dataclass(frozen=True, slots=True)
+class LyingBorders:
+    """Where somebody is as likely to lie as not; `python -m benchmarks.fall_borders` moves them.
+
+    lean_deg: of the torso from upright. height: of the hips, as a share of the leg: half is the height of a chair.
+    aside, above: torso lengths of the head from the feet, at least so far aside or, seen along the body, at most so far
+    above. Somebody who crouches or kneels with the torso leaning by 60 degrees has it at most 1.3 aside and at least
+    1.3 above; people on the floor of a room, seen from the side, have it at least 1.7 aside (docs/results/falls.md).
+    """
+
+    lean_deg: float = 50.0
+    height: float = 0.5
+    aside: float = 1.5
+    above: float = 1.0
+
+
 class LyingReader:
     """Reads P(the person lies) from a stream of tracks.
 
     body_parts: names of the P parts, in the order of the rows.
     """
 
-    def __init__(self, body_parts: Sequence[str]) -> None:
+    def __init__(self, body_parts: Sequence[str], borders: LyingBorders | None = None) -> None:
+        self._borders = borders = borders or LyingBorders()
+        self._steep, self._low = math.cos(math.radians(borders.lean_deg)), LEG * borders.height
         row = {part: n for n, part in enumerate(body_parts)}
         self._head = row.get("head")
         self._shoulders = [row[part] for part in ("left_shoulder", "right_shoulder") if part in row]
@@ -87,7 +98,7 @@ class LyingReader:
         size = self._update_size(self._reach.update(centres), rise, leg, passed_s)
         if not size > 0:
             return None
-        margin = min(STEEP_COSINE - rise / size, LOW - leg / size, self._stretched_or_flat(rows, size))
+        margin = min(self._steep - rise / size, self._low - leg / size, self._stretched_or_flat(rows, size))
         p = _sigmoid(margin / BORDER_WIDTH)
         self._p = p if is_new else self._p + (p - self._p) * (1 - math.exp(-passed_s / SMOOTH_S))
         return self._p
@@ -102,7 +113,7 @@ class LyingReader:
             return math.inf
         aside = sum(foot[0] for foot in feet) / len(feet) - rows[self._head][0]
         above = sum(foot[1] for foot in feet) / len(feet) - rows[self._head][1]
-        return max(abs(aside) / size - ASIDE, FLAT - above / size)
+        return max(abs(aside) / size - self._borders.aside, self._borders.above - above / size)
 
     def _update_size(self, reach: float, rise: float, leg: float, passed_s: float) -> float:
         """The torso's length: a larger reach is taken at once, a smaller one only of somebody upright.
