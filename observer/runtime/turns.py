@@ -1,13 +1,17 @@
 """Observers of one machine that cannot keep up take turns with its processor.
 
 1. Together, each of n observers takes n times as long for a picture as alone, and its posterior is that much older. One
-   after the other, each takes the newest picture when its turn comes. None judges fewer pictures by that.
-2. There are as many turns at once as processor cores. A turn is a lock on a file in the folder that `labanmesh up`
-   makes for the scene, so that it ends with a process that is killed.
+   after the other, each takes the newest picture when its turn comes. Waiting costs time of its own, so that an
+   observer takes turns only while it leaves out pictures for longer than LONGEST_BRIDGE_S, from where on its posteriors
+   are too old rather than its tracks too few.
+2. There are as many turns at once as processor cores, and each observer comes after those that asked before it. A turn
+   is a lock on a file in the folder that `labanmesh up` makes for the scene, so that it ends with a process that is
+   killed.
 3. A process that is stopped during its turn delays another one once, for LONGEST_WAIT_S; then that one goes on without
    turns until it gets the lock.
 """
 
+import itertools
 import os
 import threading
 import time
@@ -16,10 +20,10 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TextIO
 
 from common import SECOND_NS
 from common.parallel import cores
+from observer.motion.even_rate import LONGEST_BRIDGE_S
 from observer.tracks import Frame, FrameSource
 
 LONGEST_WAIT_S = 1.0
@@ -60,36 +64,59 @@ class Turns:
             self._turn.over.set()
 
     def _lock(self) -> None:
-        while True:
+        for number in itertools.count():
             turn = self._wanted.get()
-            with _locked(self._folder, max(self._cores(), 1)):
+            # Two files are enough: a third request comes after the turn of whoever waits for the first.
+            with _locked(self._folder, f"{os.getpid()}-{id(self)}-{number % 2}.turn", max(self._cores(), 1)):
                 turn.granted.set()
                 turn.over.wait()
 
 
 @contextmanager
-def _locked(folder: Path, count: int) -> Iterator[None]:
-    """Hold one of `count` locks; none if the folder is gone."""
+def _locked(folder: Path, name: str, count: int) -> Iterator[None]:
+    """Hold the lock of the file `name`, after that of the one before in one of `count` queues; none without folder."""
+    import fcntl
+
     with ExitStack() as stack:
         with suppress(OSError):
-            _take_lock([stack.enter_context((folder / f"turn-{n}").open("w")) for n in range(count)])
+            own = stack.enter_context((folder / name).open("w"))
+            fcntl.flock(own, fcntl.LOCK_EX)
+            queues = [folder / f"{n}.queue" for n in range(count)]
+            if not any(_joined(queue, name, wait=False) for queue in queues):
+                _joined(queues[os.getpid() % count], name, wait=True)
         yield
 
 
-def _take_lock(files: Sequence[TextIO]) -> None:
-    """Lock one of the files, which lasts until it is closed."""
+def _joined(queue: Path, name: str, wait: bool) -> bool:
+    """Whether it is our turn in the queue, in which `name` is the last one then; wait: until it is.
+
+    A queue is a file with the name of the last one's file (Craig; Landin and Hagersten, 1994). Locks alone are unfair:
+    who has just had its turn would lock again before another process has noticed.
+    """
     import fcntl
 
-    for file in files:
-        with suppress(BlockingIOError):
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            return
-    fcntl.flock(files[os.getpid() % len(files)], fcntl.LOCK_EX)
+    with ExitStack() as stack:
+        with queue.open("a+") as last:
+            fcntl.flock(last, fcntl.LOCK_EX)
+            last.seek(0)
+            before = queue.with_name(last.read() or name)
+            is_first = before.name == name or not before.exists()
+            if not is_first:
+                file = stack.enter_context(before.open())
+                with suppress(BlockingIOError):
+                    fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+                    is_first = True
+            if is_first or wait:
+                last.truncate(0)
+                last.write(name)
+        if wait and not is_first:
+            fcntl.flock(file, fcntl.LOCK_SH)
+    return is_first or wait
 
 
 @dataclass(frozen=True, slots=True)
 class SourceInTurn:
-    """The frames of a source for an observer that takes turns while it leaves out frames: then the newest."""
+    """The frames of a source for an observer that takes turns while it is slow: then the newest."""
 
     source: FrameSource
     turns: Turns
@@ -106,17 +133,23 @@ class SourceInTurn:
         return self.source.body_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """Frames of the source, of which more are left out. The last one of a recording never is."""
-        frames = self.source.frames(stop)
+        """Frames of the source; in turn while the gaps between them are too long for straight lines."""
+        frames, in_turn = self.source.frames(stop), False
         for frame in frames:
-            if not frame.skipped or frame.last:
+            in_turn = bool(frame.skipped) and not frame.last and (in_turn or self._is_slow(frame))
+            if not in_turn:
                 yield frame
                 continue
             self.turns.begin()
             try:
-                yield self._newest(frame, frames)
+                newest = self._newest(frame, frames)
+                in_turn = self._is_slow(newest)
+                yield newest
             finally:
                 self.turns.end()
+
+    def _is_slow(self, frame: Frame) -> bool:
+        return frame.skipped >= LONGEST_BRIDGE_S * self.source.rate_hz
 
     def _newest(self, frame: Frame, frames: Iterator[Frame]) -> Frame:
         """The frame, or the newest one if there must be a newer one now."""

@@ -69,6 +69,26 @@ def test_as_many_at_once_as_there_are_cores(tmp_path):
     assert asking.begun.wait(SOON_S)
 
 
+def test_many_turns_are_all_had(tmp_path):
+    several, order = [turns(tmp_path) for _ in range(3)], []
+
+    def repeat(number):
+        for _ in range(20):
+            several[number].begin()
+            order.append(number)
+            several[number].end()
+
+    threads = [threading.Thread(target=repeat, args=(number,)) for number in range(3)]
+    holder = turns(tmp_path)
+    holder.begin()
+    for thread in threads:
+        thread.start()
+    holder.end()
+    for thread in threads:
+        thread.join(SOON_S)
+    assert len(order) == 60 and {order.count(number) for number in range(3)} == {20}
+
+
 def test_one_that_does_not_end_its_turn_delays_another_one_once(tmp_path):
     stopped, other, third = turns(tmp_path), turns(tmp_path, longest_wait_s=0.05), turns(tmp_path)
     stopped.begin()
@@ -139,28 +159,35 @@ def delivered(frames, now_s, recorded):
     return recorded.events
 
 
-def test_an_observer_that_keeps_up_takes_no_turns():
-    frames = [frame(0.0), frame(0.1), frame(0.2, last=True)]
-    assert delivered(frames, 5.0, Recorded()) == [(0.0, 0, False), (0.1, 0, False), (0.2, 0, True)]
+def test_an_observer_that_keeps_up_takes_no_turns_nor_one_that_leaves_out_a_few():
+    frames = [frame(0.0), frame(0.1), frame(0.4, skipped=2), frame(0.5, last=True)]
+    assert delivered(frames, 5.0, Recorded()) == [(0.0, 0, False), (0.1, 0, False), (0.4, 2, False), (0.5, 0, True)]
 
 
 def test_the_newest_picture_is_taken_when_the_turn_has_come():
-    frames = [frame(0.3, skipped=2), frame(0.5, skipped=1), frame(0.7, skipped=1), frame(0.8)]
-    # At .72 s the picture of .7 s is the newest, and that of .3 s has been overtaken.
-    assert delivered(frames, 0.72, Recorded())[:3] == ["begin", (0.5, 4, False), "end"]
-    assert delivered(frames[2:], 0.72, Recorded()) == ["begin", (0.7, 1, False), "end", (0.8, 0, False)]
+    frames = [frame(0.4, skipped=3), frame(0.6, skipped=1)]
+    assert delivered(frames, 0.65, Recorded()) == ["begin", (0.6, 5, False), "end"]
+    assert delivered(frames[:1], 0.45, Recorded()) == ["begin", (0.4, 3, False), "end"]
+
+
+def test_turns_go_on_until_the_gaps_are_short():
+    recorded = delivered([frame(0.4, 3), frame(0.6, 1), frame(0.8, 1), frame(1.0, 1), frame(1.2, 1)], 0.0, Recorded())
+    assert recorded == [
+        "begin", (0.4, 3, False), "end", "begin", (0.6, 1, False), "end",
+        (0.8, 1, False), (1.0, 1, False), (1.2, 1, False),
+    ]  # fmt: skip
 
 
 def test_the_last_picture_is_not_left_out_and_waits_for_nobody():
-    assert delivered([frame(0.3, 2, last=True)], 9.0, Recorded()) == [(0.3, 2, True)]
-    frames = [frame(0.3, skipped=2), frame(0.5, skipped=1, last=True)]
-    assert delivered(frames, 9.0, Recorded()) == ["begin", (0.5, 4, True), "end"]
-    assert delivered([frame(0.3, skipped=2)], 9.0, Recorded()) == ["begin", (0.3, 2, False), "end"]
+    assert delivered([frame(0.4, 3, last=True)], 9.0, Recorded()) == [(0.4, 3, True)]
+    frames = [frame(0.4, skipped=3), frame(0.6, skipped=1, last=True)]
+    assert delivered(frames, 9.0, Recorded()) == ["begin", (0.6, 5, True), "end"]
+    assert delivered([frame(0.4, skipped=3)], 9.0, Recorded()) == ["begin", (0.4, 3, False), "end"]
 
 
 def test_a_turn_ends_when_the_source_is_closed():
     recorded = Recorded()
-    frames = SourceInTurn(Frames([frame(0.3, skipped=1)] * 3), recorded, lambda: 0).frames(threading.Event())
+    frames = SourceInTurn(Frames([frame(0.4, skipped=3)] * 3), recorded, lambda: 0).frames(threading.Event())
     assert len(list(itertools.islice(frames, 1))) == 1
     frames.close()
     assert recorded.events == ["begin", "end"]
