@@ -1,7 +1,6 @@
 """Multinomial logistic regression with an L2 penalty, learned by SciPy's L-BFGS. Pure."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -44,16 +43,6 @@ class LogisticRegression:
         solution = _minimise(_Loss(x, targets, inverse_penalty), iterations)
         raw = solution[:-1] / spread[:, None]
         return cls(raw, solution[-1] - mean @ raw)
-
-    @classmethod
-    def pooled(cls, each: Sequence[tuple[Self, slice]], features: int, weight: float) -> Self:
-        """The logarithmic pool, P ~ prod_i P_i^weight, of regressions that each read a slice of D features."""
-        classes = len(each[0][0].intercepts)
-        weights, intercepts = np.zeros((features, classes), np.float32), np.zeros(classes, np.float32)
-        for one, read in each:
-            weights[read] += np.float32(weight) * one.weights
-            intercepts += np.float32(weight) * one.intercepts
-        return cls(weights, intercepts)
 
     def log_probabilities(self, features: Floats32) -> Floats32:
         """(..., D) -> (..., K) natural logarithms."""

@@ -21,9 +21,6 @@ from observer.tracks import Floats, Floats32
 Chosen = NDArray[np.bool_]
 ENOUGH_EXAMPLES = 200
 """With fewer examples of movements each counts more: a penalty chosen for many leaves all answers equally likely."""
-POOLED = 0.4
-"""Weight of the log probabilities of each of three regressions. They make some of the same mistakes: with a third each
-the pool is too unsure of people left out, by 1.2 on MSR Action3D, karate and Florence 3D."""
 LEAST_EXTENT = 1e-3
 """Body sizes: a movement that is shown without motion has some extent."""
 
@@ -67,23 +64,15 @@ class TrainingTable:
         parameters, gone = self._header.parameters, set(left_out)
         of_examples = [np.full(len(r.at), not gone & set(r.examples)) for r in self._rows]
         chosen = np.concatenate([*of_examples, *self._stream_rows_apart(gone, part)])
-        trailing = self._learn_trailing(chosen, parameters["trailing_penalty"] * self._few, iterations)
+        trailing = LogisticRegression.learn(
+            self._features[chosen],
+            self._targets[chosen],
+            parameters["trailing_penalty"] * self._few,
+            iterations,
+        )
         others = ~np.isin(self._segments.example_of, list(gone))
         movements = self._header.vocabulary.size
         return trailing, self._segments.learn(others, movements, parameters["inverse_penalty"] * self._few, iterations)
-
-    def _learn_trailing(self, chosen: Chosen, inverse_penalty: float, iterations: int) -> LogisticRegression:
-        """Three regressions, on all features, on those of convolutions and on the others, pooled.
-
-        In one on thousands of features of many parts the ones replace the others, and what each kind says is lost.
-        """
-        targets, convolutions = self._targets[chosen], self.trailing.convolutions
-        kinds = (slice(None), slice(convolutions), slice(convolutions, None))
-        each = [
-            LogisticRegression.learn(self._features[chosen, kind], targets, inverse_penalty, iterations)
-            for kind in kinds
-        ]
-        return LogisticRegression.pooled([*zip(each, kinds, strict=True)], self.trailing.size, POOLED)
 
     def _stream_rows_apart(self, gone: set[int], part: tuple[int, int] | None) -> list[Chosen]:
         """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""

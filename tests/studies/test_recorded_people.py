@@ -39,15 +39,15 @@ def test_the_papers_model_in_the_door_plane_turned_without_relearning_and_fused(
 
 
 def test_the_default_and_the_same_labels_over_the_mesh(msr):
-    # Two people are enough to notice a loss; each takes as long as a quarter of the learning.
-    answer = ask(msr, AS1, "door,wheel", test_subjects=("6", "10"))
+    answer = ask(msr, AS1, "door,wheel")
     figures = as_json(answer)
-    assert (figures["n_train"], figures["n_test"]) == (117, 42)
+    assert (figures["n_train"], figures["n_test"]) == (117, 96)
     assert figures["per_view"]["door"]["accuracy"] >= 0.92
     assert figures["accuracy"] >= 0.92 and figures["accuracy_at"]["0.6"] >= 0.88
-    assert figures["ece"] <= 0.08 and max(view["ece"] for view in figures["per_view"].values()) <= 0.083
+    # Of all five: of two people the calibration error would mostly be chance.
+    assert figures["ece"] <= 0.05 and max(view["ece"] for view in figures["per_view"].values()) <= 0.075
     over_mesh = fused_over_mesh(answer)
-    assert over_mesh["same_labels"] == over_mesh["n"] == 42
+    assert over_mesh["same_labels"] == over_mesh["n"] == 96
 
 
 def test_the_phase_filter_knows_neither_onset_nor_tempo_and_the_frame_table_is_lost(msr):
