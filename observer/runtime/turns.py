@@ -2,8 +2,7 @@
 
 1. Together, each of n observers takes n times as long for a picture as alone, and its posterior is that much older. One
    after the other, each takes the newest picture when its turn comes. Waiting costs time of its own, so that an
-   observer takes turns only while it leaves out pictures for longer than LONGEST_BRIDGE_S, from where on its posteriors
-   are too old rather than its tracks too few.
+   observer takes turns only while it leaves out pictures for longer than SLOW_S.
 2. There are as many turns at once as processor cores, and each observer comes after those that asked before it. A turn
    is a lock on a file in the folder that `labanmesh up` makes for the scene, so that it ends with a process that is
    killed.
@@ -23,9 +22,10 @@ from queue import SimpleQueue
 
 from common import SECOND_NS
 from common.parallel import cores
-from observer.motion.even_rate import LONGEST_BRIDGE_S
 from observer.tracks import Frame, FrameSource
 
+SLOW_S = 0.5
+"""An observer that needs so long for a picture has posteriors that are as old: the age that they may have at most."""
 LONGEST_WAIT_S = 1.0
 """No observer waits longer for its turn. It makes no posterior older, because the picture is chosen after it; by
 default the last posterior counts for twice as long (fusion.drop_s)."""
@@ -133,7 +133,7 @@ class SourceInTurn:
         return self.source.body_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """Frames of the source; in turn while the gaps between them are too long for straight lines."""
+        """Frames of the source; in turn while the gaps between them are SLOW_S and more."""
         frames, in_turn = self.source.frames(stop), False
         for frame in frames:
             in_turn = bool(frame.skipped) and not frame.last and (in_turn or self._is_slow(frame))
@@ -149,7 +149,7 @@ class SourceInTurn:
                 self.turns.end()
 
     def _is_slow(self, frame: Frame) -> bool:
-        return frame.skipped >= LONGEST_BRIDGE_S * self.source.rate_hz
+        return frame.skipped >= SLOW_S * self.source.rate_hz
 
     def _newest(self, frame: Frame, frames: Iterator[Frame]) -> Frame:
         """The frame, or the newest one if there must be a newer one now."""

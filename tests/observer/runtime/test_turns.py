@@ -138,10 +138,10 @@ class Recorded:
 
 @dataclass
 class Frames:
-    """A source of these frames, 10 a second."""
+    """A source of these frames, 5 a second."""
 
     several: list
-    rate_hz: float = 10.0
+    rate_hz: float = 5.0
     body_parts: tuple = ()
 
     def frames(self, _stop):
