@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from observer.runtime.people_observer import AnyObserver
     from observer.runtime.scene_inputs import ObserverInputs
     from observer.runtime.service import HealthReporter, ObserverLike
-    from observer.tracks import FrameSource, Tracker
+    from observer.tracks import Tracker
 
 log = logging.getLogger("labanmesh.observer")
 LIGHTEN = "try smaller pictures (size_px), a lower rate_hz, a lighter tracker or another machine"
@@ -73,7 +73,7 @@ def observe(
         answer_teachers(link, config, observer, taught)
         shown = stack.enter_context(_with_pictures(config, observer, shown, inputs, link))
         gc.freeze()  # a collection that looks through all loaded modules takes 25 ms
-        serve(config, observer, shown, _in_turn(inputs), link, stop, health=health)
+        serve(config, observer, shown, inputs.source, link, stop, health=health)
 
 
 def _model_and_inputs(
@@ -138,17 +138,6 @@ def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "
     section = scene.observer(observer_id)
     pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
     return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures", LIGHTEN))
-
-
-def _in_turn(inputs: "ObserverInputs") -> "FrameSource":
-    """The source; pictures in real time in turn with the other observers that `labanmesh up` started, if it did."""
-    from observer.runtime.start_barrier import BARRIER
-    from observer.runtime.turns import SourceInTurn, Turns
-
-    folder = os.environ.get(BARRIER)
-    if not folder or inputs.keeps_all or not inputs.pictures:
-        return inputs.source
-    return SourceInTurn(inputs.source, Turns(Path(folder)))
 
 
 def _preview_in(scene: "Scene", observer: str) -> str:

@@ -58,7 +58,7 @@ IMPURE = {
         "hub.phone.*_file hub.phone.static_pages "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
-        "observer.runtime.preflight observer.runtime.start_barrier observer.runtime.turns "
+        "observer.runtime.preflight observer.runtime.start_barrier "
         "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
         "studies.output_files studies.report studies.run_evaluation"
     ),
