@@ -125,6 +125,10 @@ class AccessControl:
             return False
         return hmac.compare_digest(word, self._teach_token) or hmac.compare_digest(word, self.teach_key.encode())
 
+    def may_show_codes(self, authorization: str) -> bool:
+        """Whether a request that may read may also see the codes by which phones become cameras."""
+        return self._token is None or self.admits_teaching(authorization)
+
     def wait_s(self, address: str) -> int:
         """Seconds for which tokens from `address` are refused unread, after too many wrong ones; 0: they are read."""
         if self._token is None and self._teach_token is None:

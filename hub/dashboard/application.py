@@ -37,7 +37,7 @@ PING_S = 10
 FORM_LIMIT = 2048
 MAX_AT_S = 1e9
 MAX_SPEED = 64.0
-SCRIPTS = ("page.js", "verdicts.js", "judges.js", "counter.js", "charts.js", "words.js", "elements.js")
+SCRIPTS = ("page.js", "verdicts.js", "judges.js", "counter.js", "charts.js", "phones.js", "words.js", "elements.js")
 STATIC = {"/": "page.html", **{f"/{name}": name for name in ("style.css", "icon.svg", *SCRIPTS)}}
 NO_PICTURE: Mapping[PictureState, tuple[int, str]] = {
     "none yet": (204, ""),
@@ -57,12 +57,12 @@ def application(
     is_full: Callable[[], bool],
     newest_picture: Newest | None = None,
     teach: TeachPage | None = None,
-    history: Sequence[Route] = (),
+    more: Sequence[Route] = (),
 ) -> Starlette:
     """The application. stream: yields the events of one browser. is_full: whether there are too many browsers.
 
-    newest_picture: of a live scene; a capture has no pictures. teach: the Teach page; by default it is off. history:
-    the routes of the day page.
+    newest_picture: of a live scene; a capture has no pictures. teach: the Teach page; by default it is off. more:
+    the routes of the day page and of phones.
     """
     routes = [static_page(path, name) for path, name in STATIC.items()]
     routes += [
@@ -70,7 +70,7 @@ def application(
         Route("/enter", _enter(access), methods=["POST"]),
         Route("/picture/{observer}", _picture(newest_picture)),
         *(teach or TeachPage(access)).routes,
-        *history,
+        *more,
     ]
     return Starlette(routes=routes, middleware=[Middleware(AccessMiddleware, access)])
 

@@ -20,6 +20,7 @@ from hub.dashboard.connections import accept_connections, protocol_in, table_for
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.history_routes import history_routes
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
+from hub.dashboard.phone_routes import phone_routes
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
 from hub.dashboard.teach_routes import OFF, TeachPage
@@ -117,9 +118,9 @@ def serve_scene(
             thread.start()
             try:
                 rights = has_right(scene, "history"), has_right(scene, "pictures")
-                history = history_routes(scene, access.teaches, *rights)
+                more = [*history_routes(scene, access.teaches, *rights), *phone_routes(scene, access)]
                 app = application(
-                    access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, history
+                    access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, more
                 )
                 await _serve(app, port, run, lambda: _end(stream, teach), pictures.end_unwatched)
             finally:

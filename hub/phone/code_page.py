@@ -1,6 +1,7 @@
 """The page with the QR codes, for the screen of the machine itself: plain HTTP on the loopback interface alone.
 
-A code is made when the page, or the terminal, first shows it, and again when it was used or is too old.
+A code is made when the page, or the terminal, first shows it, and again when it was used or is too old. The dashboard
+asks for the same as JSON (hub/dashboard/phone_routes.py).
 """
 
 import html
@@ -10,8 +11,9 @@ from datetime import UTC, datetime
 
 import segno
 
-from hub.phone.register import CODE_LIFETIME, PhoneRegister, hash_of
+from hub.phone.register import CODE_LIFETIME
 from hub.phone.register_file import RegisterFile
+from hub.phone.shown_phone import CODES_PATH, ShownPhone, shown_phones_json
 from hub.phone.static_pages import HEADERS, Answer
 
 OWN_NAMES = ("localhost", "127.0.0.1", "[::1]")
@@ -38,15 +40,23 @@ class ShownCodes:
         register = self.file.register
         if register.phone_of(observer) is not None:
             return None
-        if not _is_open(register, self._codes.get(observer, "")):
+        soon = datetime.now(UTC) + CODE_LIFETIME * RENEW_SHARE
+        if register.open_code(self._codes.get(observer, ""), soon) is None:
             self._codes[observer] = self.file.new_code(observer)
         return f"{self.address}#{self._codes[observer]}"
 
-
-def _is_open(register: PhoneRegister, code: str) -> bool:
-    known = next((each for each in register.codes if each.hash == hash_of(code)), None)
-    soon = datetime.now(UTC) + CODE_LIFETIME * RENEW_SHARE
-    return known is not None and known.used is None and known.expires > soon
+    def shown(self, observer: str, is_live: bool) -> ShownPhone:
+        """The code for `observer`, or its phone."""
+        link, register = self.link(observer), self.file.register
+        if link is None:
+            phone = register.phone_of(observer)
+            name = phone.name if phone else ""
+            return ShownPhone(observer=observer, address=self.address, phone=name, live=is_live)
+        code = register.open_code(self._codes[observer], datetime.now(UTC))
+        expires = round(code.expires.timestamp() * 1000) if code else 0
+        rows = segno.make(link, error="m", micro=False).matrix
+        modules = tuple("".join("1" if dark else "0" for dark in row) for row in rows)
+        return ShownPhone(observer=observer, address=self.address, link=link, modules=modules, expires=expires)
 
 
 def terminal_code(link: str) -> str:
@@ -62,6 +72,10 @@ def code_page(codes: ShownCodes, live: Callable[[], Mapping[str, object]], path:
     """The answer to a request; host: as the browser names this server, which must be this machine's own name."""
     if host.rpartition(":")[0] not in OWN_NAMES:
         return Answer(421, b"this page is for this machine only\n")
+    headers = {**HEADERS, "cache-control": "no-store"}
+    if path == CODES_PATH:
+        shown = tuple(codes.shown(observer, observer in live()) for observer in codes.observers)
+        return Answer(200, shown_phones_json(shown), {**headers, "content-type": "application/json"})
     if path != "/":
         return Answer(404, b"not found\n")
     parts = [_section(codes, observer, observer in live()) for observer in codes.observers]
@@ -72,8 +86,8 @@ def code_page(codes: ShownCodes, live: Callable[[], Mapping[str, object]], path:
         + "".join(parts)
     )
     policy = "default-src 'none'; style-src 'unsafe-inline'; frame-ancestors 'none'"
-    headers = {**HEADERS, "content-type": "text/html; charset=utf-8", "cache-control": "no-store"}
-    return Answer(200, text.encode(), {**headers, "content-security-policy": policy})
+    headers |= {"content-type": "text/html; charset=utf-8", "content-security-policy": policy}
+    return Answer(200, text.encode(), headers)
 
 
 def _section(codes: ShownCodes, observer: str, is_live: bool) -> str:

@@ -86,9 +86,9 @@ def _fetch(source: Path | None) -> None:
 
 
 def _register_file(scene: "Scene") -> "RegisterFile":
-    from hub.phone.register_file import RegisterFile
+    from hub.phone.register_file import RegisterFile, register_path
 
-    return RegisterFile(scene.place(f"{scene.scene}.phones.json"))
+    return RegisterFile(register_path(scene))
 
 
 def _observers(scene: "Scene", observer: str | None) -> tuple[str, ...]:

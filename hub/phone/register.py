@@ -48,11 +48,12 @@ class Phone(_Entry):
 
 
 class PhoneRegister(BaseModel):
-    """All codes and phones of a scene."""
+    """All codes and phones of a scene. page_port: of the page with the codes, on loopback, while it is served."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     codes: tuple[Code, ...] = ()
     phones: tuple[Phone, ...] = ()
+    page_port: Annotated[int, Field(ge=1, le=65535)] | None = None
 
     def with_code(self, observer: str, code: str, now: datetime) -> "PhoneRegister":
         """A new code for `observer`, which replaces one that nobody has used; used and expired ones are forgotten."""
@@ -91,6 +92,11 @@ class PhoneRegister(BaseModel):
             raise BadInput(f"--revoke {observer}: no phone and no open code; observers with a phone: {known}")
         codes = tuple(each for each in self.codes if each.observer != observer or each.used is not None)
         return self._revoked(observer, now).model_copy(update={"codes": codes})
+
+    def open_code(self, code: str, now: datetime) -> Code | None:
+        """`code`, if a phone can use it at `now`."""
+        known = next((each for each in self.codes if each.hash == hash_of(code)), None)
+        return known if known is not None and known.used is None and known.expires > now else None
 
     def phone_of(self, observer: str) -> Phone | None:
         """The phone that is admitted for `observer`."""

@@ -8,14 +8,23 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError, reason_of
 from common.files import read_text, replace_file
 from hub.phone.register import Phone, PhoneRegister, read_register
 
+if TYPE_CHECKING:
+    from common.config import Scene
+
 SECRET_BYTES = 16
 """128 random bits: nobody guesses them."""
 PRIVATE = 0o600
+
+
+def register_path(scene: "Scene") -> Path:
+    """Where the register of a scene lies."""
+    return scene.place(f"{scene.scene}.phones.json")
 
 
 @dataclass(slots=True)
@@ -63,6 +72,21 @@ class RegisterFile:
         """Revoke the phone and the open code of `observer`; raises BadInput if it has none."""
         with self._locked():
             self._write(self.register.revoke(observer, datetime.now(UTC)))
+
+    @contextmanager
+    def naming_page(self, port: int) -> Iterator[None]:
+        """While this lasts, the register names the port of the page with the codes."""
+        self._name_page(port)
+        try:
+            yield
+        finally:
+            # Another server may have begun in the meantime.
+            if self.register.page_port == port:
+                self._name_page(None)
+
+    def _name_page(self, port: int | None) -> None:
+        with self._locked():
+            self._write(self.register.model_copy(update={"page_port": port}))
 
     def admits(self, phone: Phone) -> bool:
         """Whether a phone that was admitted still is."""

@@ -82,8 +82,10 @@ def run_phones(run: PhoneRun) -> None:
                 pages.answer,
                 lambda observer: scene_words(listener.state, observer),
             )
-            _show(codes, f"http://127.0.0.1:{local.getsockname()[1]}/")
-            asyncio.run(_serve(server, codes, (port, local), web, Ending(stop, run.for_s, listener.check)))
+            page_port = local.getsockname()[1]
+            _show(codes, f"http://127.0.0.1:{page_port}/")
+            with run.file.naming_page(page_port):
+                asyncio.run(_serve(server, codes, (port, local), web, Ending(stop, run.for_s, listener.check)))
 
 
 @dataclass(frozen=True, slots=True)

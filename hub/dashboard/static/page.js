@@ -3,6 +3,7 @@ import { $, attribute, hide, make, mark, part, put, showAdvice, store, stored } 
 import { MINUTE_MS, layMat, showCharts, watchCharts } from "./charts.js";
 import { clearJudges, showJudges } from "./judges.js";
 import { clearCounter, showCounter } from "./counter.js";
+import { offerPhones } from "./phones.js";
 import { showLast, showList } from "./verdicts.js";
 import { advice, agree, clock, count, labelWords } from "./words.js";
 
@@ -19,6 +20,7 @@ function onSnapshot(whole) {
   put($("scene"), whole.scene);
   $("teach").hidden = !whole.teaches;
   $("day").hidden = !whole.history;
+  offerPhones(whole);
   document.title = `${whole.scene}: labanmesh`;
   if (!same) { clearJudges(); clearCounter(); layMat(whole.positions); }
   if (whole.span !== null) layReplay(whole);

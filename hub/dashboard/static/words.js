@@ -89,7 +89,7 @@ export function advice(setup, state) {
   const verb = (name, ...more) => ["labanmesh", name, setup.file, ...more].join(" ");
   const up = verb("up"), doctor = verb("doctor"), all = (kind) => observers.every((each) => each.gone || each.state === kind);
   const blind = observers.find((each) => setup.phones.includes(each.name) && each.present && !each.heard && each.health?.state === "degraded");
-  if (blind) return [`${blind.name} waits for its phone. Show the code, and scan it with the phone:`, verb("phone", blind.name)];
+  if (blind) return [`${blind.name} waits for its phone. "Use a phone" shows the code; this has to run:`, verb("phone", blind.name)];
   // A scene may watch for falls before anybody has taught it a movement.
   if (!state.judged && state.fall) return null;
   if (!state.judged) return runs ? ["Judges run, and no referee is heard. Start it:", verb("fuse")] : ["Nothing runs here yet. Start it:", up];

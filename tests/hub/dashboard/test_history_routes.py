@@ -40,7 +40,7 @@ def scene(tmp_path):
 def got(scene, path, token=None, allowed=True, given=None, teaches=True, shows_clips=True):
     async def ask():
         app = application(
-            AccessControl(token), None, lambda: False, history=history_routes(scene, teaches, allowed, shows_clips)
+            AccessControl(token), None, lambda: False, more=history_routes(scene, teaches, allowed, shows_clips)
         )
         headers = {"authorization": f"Bearer {given}"} if given else {}
         transport = httpx.ASGITransport(app)
