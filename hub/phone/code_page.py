@@ -41,8 +41,9 @@ class ShownCodes:
         if register.phone_of(observer) is not None:
             return None
         soon = datetime.now(UTC) + CODE_LIFETIME * RENEW_SHARE
-        if register.open_code(self._codes.get(observer, ""), soon) is None:
-            self._codes[observer] = self.file.new_code(observer)
+        code = self._codes.get(observer, "")
+        if register.open_code(code, soon) is None:
+            self._codes[observer] = self.file.new_code(observer, beside=code)
         return f"{self.address}#{self._codes[observer]}"
 
     def shown(self, observer: str, is_live: bool) -> ShownPhone:

@@ -2,7 +2,7 @@
 
 1. A code names one observer, works once, and until it expires. Only its hash is kept, as of a secret.
 2. A phone that shows a code becomes the observer's phone, and gets a secret by which it comes back. The phone before it
-   is revoked: an observer has one camera.
+   is revoked, and the observer's other codes end: an observer has one camera.
 3. What is revoked stays listed, and never works again.
 """
 
@@ -55,9 +55,13 @@ class PhoneRegister(BaseModel):
     phones: tuple[Phone, ...] = ()
     page_port: Annotated[int, Field(ge=1, le=65535)] | None = None
 
-    def with_code(self, observer: str, code: str, now: datetime) -> "PhoneRegister":
-        """A new code for `observer`, which replaces one that nobody has used; used and expired ones are forgotten."""
-        kept = [each for each in self.codes if each.expires > now and (each.used or each.observer != observer)]
+    def with_code(self, observer: str, code: str, now: datetime, beside: str = "") -> "PhoneRegister":
+        """A new code for `observer`, which replaces those that nobody has used; used and expired ones are forgotten.
+
+        beside: an older code that stays good until it expires, because somebody may have scanned it.
+        """
+        stays = {hash_of(beside)} | {each.hash for each in self.codes if each.used or each.observer != observer}
+        kept = [each for each in self.codes if each.expires > now and each.hash in stays]
         new = Code(observer=observer, hash=hash_of(code), expires=now + CODE_LIFETIME)
         return self.model_copy(update={"codes": (*kept, new)})
 
@@ -71,7 +75,8 @@ class PhoneRegister(BaseModel):
         if known.expires <= now:
             raise RefusedError("this code has expired: show a new one with labanmesh phone")
         phone = Phone(observer=known.observer, hash=hash_of(secret), name=name, joined=now)
-        codes = tuple(each.model_copy(update={"used": now}) if each is known else each for each in self.codes)
+        others = [each for each in self.codes if each.used or each.observer != known.observer]
+        codes = (*others, known.model_copy(update={"used": now}))
         register = self._revoked(known.observer, now)
         return register.model_copy(update={"codes": codes, "phones": (*register.phones, phone)}), phone
 

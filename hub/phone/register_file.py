@@ -49,11 +49,11 @@ class RegisterFile:
             raise LabanmeshError(f"{self.path}: {reason_of(error)}") from None
         return self._register
 
-    def new_code(self, observer: str) -> str:
-        """A new code for `observer`."""
+    def new_code(self, observer: str, beside: str = "") -> str:
+        """A new code for `observer`; beside: as for `PhoneRegister.with_code`."""
         code = secrets.token_urlsafe(SECRET_BYTES)
         with self._locked():
-            self._write(self.register.with_code(observer, code, datetime.now(UTC)))
+            self._write(self.register.with_code(observer, code, datetime.now(UTC), beside))
         return code
 
     def join(self, code: str, name: str) -> tuple[Phone, str]:

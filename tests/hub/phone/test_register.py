@@ -42,6 +42,27 @@ def test_a_code_replaces_the_open_one_of_the_same_observer_alone(with_code):
     assert register.join("other", "secret", "", LATER)[1].observer == "phone2"
 
 
+def test_a_code_that_was_scanned_before_the_next_one_was_shown_stays_good_until_it_expires(with_code):
+    register = with_code.with_code("phone1", "new", LATER, beside="code")
+    joined, _ = register.join("code", "secret", "", LATER)
+    with pytest.raises(RefusedError, match="not known"):
+        joined.join("new", "another", "", LATER)
+    with pytest.raises(RefusedError, match="expired"):
+        register.join("code", "secret", "", NOW + CODE_LIFETIME)
+    third = register.with_code("phone1", "third", LATER, beside="new")
+    with pytest.raises(RefusedError, match="not known"):
+        third.join("code", "secret", "", LATER)
+    for code in ("code", "new"):
+        with pytest.raises(RefusedError):
+            register.revoke("phone1", LATER).join(code, "secret", "", LATER)
+
+
+def test_a_used_code_does_not_become_open_again(with_code):
+    register, _ = with_code.join("code", "secret", "", LATER)
+    with pytest.raises(RefusedError, match="used already"):
+        register.with_code("phone1", "new", LATER, beside="code").join("code", "another", "", LATER)
+
+
 def test_a_second_phone_takes_the_place_of_the_first(with_code):
     register, _ = with_code.join("code", "secret", "", LATER)
     register, second = register.with_code("phone1", "new", LATER).join("new", "second", "", LATER)
