@@ -44,7 +44,8 @@ class Ballot:
     """The votes, the pooled posterior, and how many votes agree with its likeliest label.
 
     entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
-    contested: whether an observer votes for another label, or for something else.
+    contested: whether one of three or more observers votes for another label, or for something else. Of two it would
+    show nothing: the rule doubts neither (guarded_product.py, 1).
     """
 
     votes: dict[str, Vote]
@@ -113,7 +114,7 @@ class JudgementBuilder:
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
         agreement = _agreement(labels.count(fused), len(labels))
-        contested = agreement.k < agreement.n and any(map(_contests, posteriors, p, votes.values(), repeat(fused)))
+        contested = 2 < agreement.n > agreement.k and any(map(_contests, posteriors, p, votes.values(), repeat(fused)))
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement, contested)
 
     def _entropies(self, rows: Floats) -> list[float]:

@@ -7,7 +7,7 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
    nor is it, with the label of the one before, if it lasts for less than half of that label's shortest take, less
    NOTICED_S at its begin: it is the end of that one, after a pause.
 2. A label is decided when it has been `threshold` likely, with the votes of `quorum` observers, without a break, for
-   `hold_s`, or NOTICED_S longer where one votes for another label; or, however contested, as soon as the person rests.
+   `hold_s`, or NOTICED_S longer where one of three votes otherwise; or, contested or not, as soon as the person rests.
 3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
    decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
 4. The movement ends when rest has been beyond doubt for `hold_s`, at the time when that rest began. Rest in which
