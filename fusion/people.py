@@ -221,8 +221,9 @@ class ScenePeople:
         for track, person in zip(sorted(together, key=lambda t: -t.seen.place.at[0]), free, strict=False):
             self._people[person] = Motion(track.seen.at, track.seen.covariance, track.seen.at_ns)
             for other in self._tracks.values():
-                # Those are of somebody who had this id before.
+                # Those are of somebody who had this id before. Until it is compared, each may be of the new one.
                 other.costs.pop(person, None)
+                other.fits = True
             track.person, track.costs = person, {person: 0.0}
 
 

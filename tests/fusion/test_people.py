@@ -179,6 +179,18 @@ def test_a_glimpse_begins_nobody():
     assert room.people.present == ["1"]
 
 
+@pytest.mark.parametrize("camera", ["a", "b"])
+def test_a_camera_that_falls_silent_as_somebody_begins_makes_no_second_person(camera):
+    """Its track has not been compared with the person whom the track of the other camera began."""
+    room = Room()
+    while not room.people.present:
+        room.see({"A": (1, 0)})
+    room.see({"A": (1, 0)}, but={(camera, "A")})
+    assert room.people.present == ["1"]
+    room.stand({"A": (1, 0)}, 1)
+    assert room.people.present == ["1"] and room.ids("A") == {"1"}
+
+
 def test_a_service_that_follows_another_calls_people_as_that_one_does():
     room = Room()
     room.stand({"A": (1, 0), "B": (-1, 0)}, 1)

@@ -12,6 +12,7 @@ from fusion.server import serve
 
 REST, BOWING, LUNGING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05), ([0.02, 0.98], 0.05)
 LEFT, RIGHT = (1.0, 0.0), (-1.0, 0.0)
+ALONE = {"A": (LEFT, REST)}
 STANDING = {"A": (LEFT, REST), "B": (RIGHT, REST)}
 MOVING = {"A": (LEFT, BOWING), "B": (RIGHT, LUNGING)}
 
@@ -35,7 +36,7 @@ class Room:
 
     def __init__(self, mesh, scene):
         self.mesh, self.scene, self.keys = mesh, scene, scene.keys
-        self.people, self.plain, self.services, self.seq = STANDING, {}, {}, 0
+        self.people, self.plain, self.services, self.seq = ALONE, {}, {}, 0
         self.observer, self.hub = mesh.peer("observer"), mesh.peer("hub")
         self.publishers = {name: self.observer.publisher(self.keys.posterior(name)) for name in scene.roster}
         self._judgements, self._verdicts = self.hub.inbox(self.keys.judgement), self.hub.inbox(self.keys.verdict)
@@ -45,6 +46,10 @@ class Room:
         link, scene = self.mesh.peer("standby"), self.scene
         body = self.mesh.run(lambda stop: serve([scene], service, link, stop, shared=shared))
         self.services[service] = (*body, link)
+        if self.people is ALONE:
+            # Names are given in the order in which people come.
+            self.judgement(of("left"))
+            self.people = STANDING
 
     def end(self, service):
         stop, thread, link = self.services.pop(service)
@@ -101,7 +106,7 @@ def test_each_person_has_verdicts_of_their_own_and_one_who_leaves_ends(room):
     bowing, lunging = room.verdicts(*DECIDED)
     assert bowing.id.startswith("dojo-left-") and lunging.id.startswith("dojo-right-")
     assert bowing.agreement.k == lunging.agreement.k == 3
-    room.people = {"A": (LEFT, REST)}
+    room.people = dict(ALONE)
     ended = room.verdicts(*ENDED)
     assert [verdict.id for verdict in ended] == [bowing.id, lunging.id]
 
