@@ -71,8 +71,7 @@ class PeopleWorker:
             keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
         )
         self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
-        names = map(keys.posterior, scene.roster) if service.polled else ()
-        self._posteriors = self._session.inbox(*names)
+        self._posteriors = self._session.inbox(*map(keys.posterior, scene.roster if service.polled else ()))
         self.people = ScenePeople(scene.people.ids)
         self._engines = {person: new_engine(vocabulary, person) for person in scene.people.ids}
         self._sessions = [PersonSession(self._session, self.present) for _ in self._engines]
@@ -83,9 +82,8 @@ class PeopleWorker:
         self._first = next(iter(self._workers.values()))
         first_engine = next(iter(self._engines.values()))
         self._ingest = PeopleIngest(self.people, scene.roster, first_engine.skew_s)
-        self._clocks = ClockQuerier(
-            self._session, keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
-        )
+        status_keys = keys.observer_status()
+        self._clocks = ClockQuerier(self._session, status_keys, service.clock, service.wake, service.ask_clocks_s)
         self._vocabulary = encode_vocabulary(scene.scene, vocabulary, service.own)
         self._session.answer(keys.vocabulary, lambda: self._vocabulary)
         self._session.answer(keys.judgement, lambda: self._answers(keys.judgement))

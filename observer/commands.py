@@ -60,14 +60,12 @@ def observe(
     build = partial(pipeline_of, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
-        target = preview or _preview_in(config, observer)
         begun = None if model is None else build(model)
         taught = stack.enter_context(teachable(config, observer, inputs, begun, build))
         paced = _paced(config, observer, taught, inputs)
-        shown = stack.enter_context(_with_preview(target, observer, paced, inputs))
-        link = stack.enter_context(
-            Link.open(config.mesh, "observer", process_id=observer, scene=config.scene, stop=stop)
-        )
+        shown = stack.enter_context(_with_preview(preview or _preview_in(config, observer), observer, paced, inputs))
+        opened = Link.open(config.mesh, "observer", process_id=observer, scene=config.scene, stop=stop)
+        link = stack.enter_context(opened)
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
         answer_teachers(link, config, observer, taught)

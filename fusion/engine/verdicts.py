@@ -234,13 +234,13 @@ def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> 
     if verdict.ended_ns is None:
         return verdict
     earliest_ns = max(verdict.began_ns, verdict.ended_ns - 2 * round(NOTICED_S * SECOND_NS))
-    said, trust = dict[str, ObservedScore | Unscored](), dict[str, float]()
+    scores, trust = dict[str, ObservedScore | Unscored](), dict[str, float]()
     for each in posteriors:
         if each.score is not None and each.score.label == verdict.label and each.score.ended_ns > earliest_ns:
-            said[each.observer], trust[each.observer] = each.score, each.reliability
-    judged = {name: own for name, own in said.items() if isinstance(own, ObservedScore)}
+            scores[each.observer], trust[each.observer] = each.score, each.reliability
+    judged = {name: own for name, own in scores.items() if isinstance(own, ObservedScore)}
     if not judged:
-        reasons = Counter(own.reason for own in said.values() if isinstance(own, Unscored))
+        reasons = Counter(own.reason for own in scores.values() if isinstance(own, Unscored))
         return verdict.model_copy(update={"unscored": reasons.most_common(1)[0][0]}) if reasons else verdict
     score = pooled_score({name: JudgedScore(own.score, own.certainty, trust[name]) for name, own in judged.items()})
     remarks = pooled_remarks([own.remarks for own in judged.values()])

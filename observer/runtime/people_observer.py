@@ -35,10 +35,10 @@ class FloorPlacer:
         """The place of a person whose `every` are these parts, in a picture of this width; None if it is unknown."""
         if self._view.has_place and person.every is not None:
             head_m, expected = self._placement.head_m or HEAD_M, (self._placement.x_m, self._placement.z_m)
-            found = floor_place(self._view.matrix, parts, person.every, head_m, expected)
-            if found is None:
+            gaussian = floor_place(self._view.matrix, parts, person.every, head_m, expected)
+            if gaussian is None:
                 return None
-            (x, z), covariance = found
+            (x, z), covariance = gaussian
             xx, xz, zz = float(covariance[0, 0]), float(covariance[0, 1]), float(covariance[1, 1])
             return FloorPlace(at=(float(x), float(z)), covariance=(xx, xz, zz))
         return _by_size(person, width_px) if self._alone else None

@@ -76,20 +76,20 @@ class SeveralPoses:
         if self._sweep.size != size:
             self._sweep = Sweep(size)
         before_ms, self._ms = self._ms, self._after(frame.at_ns)
-        found = [(one, pose) for one in self._followed if (pose := self._pose(one, rgb, before_ms)) is not None]
-        found = _once(found, size)
-        if self._is_due(len(found)):
+        poses = [(one, pose) for one in self._followed if (pose := self._pose(one, rgb, before_ms)) is not None]
+        poses = _once(poses, size)
+        if self._is_due(len(poses)):
             squares = SQUARES if self._searched_ms else FIRST
-            found += self._search(rgb, [pose.body for _, pose in found], squares)
-            if squares == FIRST and 0 < len(found) < self.most:
+            poses += self._search(rgb, [pose.body for _, pose in poses], squares)
+            if squares == FIRST and 0 < len(poses) < self.most:
                 # Again, with those covered who hide others from the detector.
-                found += self._search(rgb, [pose.body for _, pose in found], squares)
-        detections = [self._detection(one, pose, size) for one, pose in found]
+                poses += self._search(rgb, [pose.body for _, pose in poses], squares)
+        detections = [self._detection(one, pose, size) for one, pose in poses]
         persons = self._keeper.update(detections, frame.at_ns)
         outlines = [Body(person.u, person.v, person.height).outline for person in persons]
         people = SeenPeople(outlines[0] if outlines else None, tuple(outlines[1:]))
         nobody = np.full((len(self._rows), 2), np.nan)
-        self._someone_ms = self._ms if found else self._someone_ms
+        self._someone_ms = self._ms if poses else self._someone_ms
         return Tracks(persons[0].centres if persons else nobody, people=people, persons=persons)
 
     def close(self) -> None:
@@ -109,11 +109,11 @@ class SeveralPoses:
             one.body = None
         return None
 
-    def _is_due(self, found: int) -> bool:
+    def _is_due(self, followed: int) -> bool:
         """Whether to search for somebody else in this picture."""
-        if found >= self.most:
+        if followed >= self.most:
             return False
-        lost = found == 0 or any(one.body is not None and one.seen_ms < self._ms for one in self._followed)
+        lost = followed == 0 or any(one.body is not None and one.seen_ms < self._ms for one in self._followed)
         return self._searched_ms == 0 or self._ms - self._searched_ms >= 1000 * (SEARCH_S if lost else LOOK_S)
 
     def _search(self, rgb: Rgb, known: Sequence[Body], squares: int) -> list[tuple[_ModelCopy, Pose]]:
@@ -155,10 +155,10 @@ class SeveralPoses:
         return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
 
 
-def _once(found: Sequence[tuple[_ModelCopy, Pose]], size: tuple[int, int]) -> list[tuple[_ModelCopy, Pose]]:
+def _once(poses: Sequence[tuple[_ModelCopy, Pose]], size: tuple[int, int]) -> list[tuple[_ModelCopy, Pose]]:
     """Each person once: of two copies that follow one person the first, the other one follows nobody."""
     result: list[tuple[_ModelCopy, Pose]] = []
-    for one, pose in found:
+    for one, pose in poses:
         if any(_is_one(pose, other, size) for _, other in result):
             one.body = None
         else:
