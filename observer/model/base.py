@@ -130,11 +130,12 @@ class Stream:
         begin = 0
         for span in self.spans:
             if is_gone(span):
-                yield from self._piece(begin, span.begin)
+                yield from self.piece(begin, span.begin)
                 begin = span.end
-        yield from self._piece(begin, self.frames)
+        yield from self.piece(begin, self.frames)
 
-    def _piece(self, begin: int, end: int) -> Iterator["Stream"]:
+    def piece(self, begin: int, end: int) -> Iterator["Stream"]:
+        """Frames begin..end-1, with the spans that are wholly within; nothing without frames."""
         if begin < end:
             within = (span for span in self.spans if begin <= span.begin and span.end <= end)
             spans = tuple(replace(span, begin=span.begin - begin, end=span.end - begin) for span in within)

@@ -22,7 +22,7 @@ from observer.model.training_rows import (
     REST_S,
     another_take,
     between_rests,
-    part_of,
+    frames_apart,
     posture_change,
 )
 from observer.tracks import Floats, Tracks
@@ -75,20 +75,11 @@ def rows_of_fold(
 
 
 def streams_left_out(
-    streams: Sequence[Stream], examples: Sequence[Example], gone: Collection[int], part: tuple[int, int]
+    streams: Sequence[Stream], examples: Sequence[Example], gone: Collection[int], part: tuple[int, int] | None
 ) -> Iterator[Stream]:
-    """The streams of people whose examples are all in `gone`; of people who show no example a part, (number, of all).
-
-    `TrainingTable.learn` leaves out the same.
-    """
-    left = {e.subject for n, e in enumerate(examples) if n not in gone}
-    people = {examples[n].subject for n in gone} - left
-    for stream in streams:
-        if stream.subject in people:
-            yield stream
-        elif stream.subject not in left:
-            begin, end = part_of(stream.frames, part)
-            yield replace(stream, tracks=stream.tracks[begin:end], spans=(), features=None)
+    """The frames that `TrainingTable.learn` leaves out with these examples."""
+    for stream, (begin, end) in zip(streams, frames_apart(streams, examples, gone, part), strict=True):
+        yield from stream.piece(begin, end)
 
 
 def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -> Iterator[Watched]:

@@ -6,7 +6,7 @@ movements of a continuous recording are "something else".
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeVar
@@ -107,10 +107,24 @@ def rows_of_streams(
         yield Rows(trace, at, targets)
 
 
-def part_of(frames: int, part: tuple[int, int]) -> tuple[int, int]:
-    """Begin and end of a part of so many frames; part: (number, of all)."""
-    number, parts = part
-    return frames * number // parts, frames * (number + 1) // parts
+def frames_apart(
+    streams: Sequence[Stream], examples: Sequence[Example], gone: Collection[int], part: tuple[int, int] | None
+) -> Iterator[tuple[int, int]]:
+    """Begin and end of the frames of each stream that are left out together with the examples `gone`.
+
+    All of a person whose examples are all gone; otherwise of streams without movements, and of people who show no
+    example, a part: (number, of all), None: nothing.
+    """
+    left = {e.subject for n, e in enumerate(examples) if n not in gone}
+    people = {examples[n].subject for n in gone} - left
+    number, parts = part or (0, 1)
+    for stream in streams:
+        if stream.subject in people:
+            yield 0, stream.frames
+        elif part is not None and (stream.subject not in left or not stream.spans):
+            yield stream.frames * number // parts, stream.frames * (number + 1) // parts
+        else:
+            yield 0, 0
 
 
 def targets_of(movement: int, shown: NDArray[np.floating], movements: int) -> Floats32:

@@ -15,7 +15,7 @@ from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
 from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.model.training_memory import trace_in
-from observer.model.training_rows import part_of, rows_of_examples, rows_of_streams
+from observer.model.training_rows import frames_apart, rows_of_examples, rows_of_streams
 from observer.tracks import Floats, Floats32
 
 Chosen = NDArray[np.bool_]
@@ -59,7 +59,7 @@ class TrainingTable:
     ) -> tuple[LogisticRegression, SegmentClassifier]:
         """Both classifiers, without the examples left out.
 
-        part: which part, of how many, of the streams of people who show no example is left out too; None: nothing.
+        part: of the streams, see `frames_apart`.
         """
         parameters, gone = self._header.parameters, set(left_out)
         of_examples = [np.full(len(r.at), not gone & set(r.examples)) for r in self._rows]
@@ -75,19 +75,15 @@ class TrainingTable:
         return trailing, self._segments.learn(others, movements, parameters["inverse_penalty"] * self._few, iterations)
 
     def _stream_rows_apart(self, gone: set[int], part: tuple[int, int] | None) -> list[Chosen]:
-        """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""
-        shown = {e.subject for e in self._examples}
-        people = shown - {e.subject for n, e in enumerate(self._examples) if n not in gone}
+        """As `frames_apart`: no stream of a person who is left out wholly, and no span of an example left out."""
+        apart = frames_apart(self._streams, self._examples, gone, part)
         spans = {(e.subject, e.trial, e.movement) for e in (self._examples[n] for n in gone)}
         result = []
-        for stream, rows in zip(self._streams, self._of_streams, strict=True):
-            chosen = np.full(len(rows.at), stream.subject not in people)
+        for stream, rows, (begin, end) in zip(self._streams, self._of_streams, apart, strict=True):
+            chosen = (rows.at < begin) | (rows.at >= end)
             for span in stream.spans:
                 if (stream.subject, span.trial, span.movement) in spans:
                     chosen &= (rows.at < span.begin) | (rows.at >= span.end)
-            if part is not None and stream.subject not in shown:
-                begin, end = part_of(stream.frames, part)
-                chosen &= (rows.at < begin) | (rows.at >= end)
             result.append(chosen)
         return result
 

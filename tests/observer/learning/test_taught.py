@@ -211,3 +211,17 @@ def test_archives_in_3d_become_tracks_as_a_camera_sees_them_and_several_become_o
     assert status == 2 and "people.npz: positions in 3-D" in err
     status, _, err = run("import", "archive", files / "hall.npz", "--seen-from", "door", "-o", files / "all.npz")
     assert status == 2 and "2-D tracks of one camera" in err
+
+
+def test_what_the_only_person_does_beside_the_movements_is_not_named():
+    """Four takes of three movements by one person, and six times a gesture that is like one of them, but none."""
+    labels, view = ("byebye", "maestro", "stretch"), parse_view("door")
+    takes = perform(("1",), labels, trials=4, seed=1)
+    life, later = (replace(perform_continuously("1", ("ok",) * 6, seed=n), spans=(), label="") for n in (1, 51))
+    archive = replace(takes, recordings=(*takes.recordings, life))
+    watch = learn_view(archive, view, Vocabulary(labels)).watch(Onset())
+    named = []
+    for tracks in view_tracks(view, later, archive.body_parts, archive.body_parts):
+        watch.update(tracks)
+        named.append(watch.unlearned.sum() < 0.5)
+    assert np.mean(named) < 0.1, "where the lesson's life is not left out and watched, half of these frames have a name"

@@ -246,8 +246,10 @@ def test_the_people_left_out_are_watched_as_a_person_is_later(examples, watched)
     np.testing.assert_array_equal(by_example[known][-1].instant.members, watch.instant.members)
 
 
-def test_of_people_who_show_no_movement_each_fold_leaves_out_and_watches_another_part(header, examples):
-    life = Stream(examples[0].tracks * 3, (), 0, "somebody else", "0")
+@pytest.mark.parametrize("whose", ["somebody else", "one of whose takes some are left out"])
+def test_of_ordinary_life_each_fold_leaves_out_and_watches_another_part(header, examples, whose):
+    subject = whose if whose == "somebody else" else examples[0].subject
+    life = Stream(examples[0].tracks * 3, (), 0, subject, "0")
     streams = with_features(Stacked, header, [life])
     table = TrainingTable(header, examples, streams)
     parts = [next(streams_left_out(streams, examples, [0], (k, 3))) for k in range(3)]
