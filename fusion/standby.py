@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from common.config import Scene
 from common.errors import LabanmeshError
-from common.inbox import Presence
+from common.inbox import Arrival, Inbox, Presence
 from common.link import Link
 from common.message_types import MovementTimes
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
@@ -19,9 +19,8 @@ from fusion.checkpoint import Checkpoint
 from fusion.scene_worker import Service
 
 log = logging.getLogger("labanmesh.fusion")
-HANDOVER_TIMEOUT_S = 1.0
-"""An owner that does not answer a handover request for this long is assumed to publish no more."""
-VOCABULARY_TIMEOUT_S = 1.0
+ANSWER_TIMEOUT_S = 1.0
+"""A process that does not answer for this long is assumed to do so no more, and an owner to publish no more."""
 TIMES_EVERY_S = 10.0
 """Observers learn from more takes seldom; which durations they know then is asked so often, or with the clocks."""
 DECODE_EVERY_S = 1.0
@@ -31,13 +30,16 @@ DECODE_EVERY_S = 1.0
 class StandbyListener:
     """Receives the judgements and verdicts that other services publish in one scene, and keeps the last of each person.
 
-    Where several people are judged it decodes all messages: whose one is stands in it.
+    It asks the owner for its last judgements first: an owner that ends a moment later may publish no other one. Where
+    several people are judged it decodes all messages: whose one is stands in it.
     """
 
     def __init__(self, scene: Scene, link: Link) -> None:
         self._scene = scene
         self._session = link.sub_session(polled=True)
         self._inbox = self._session.inbox(scene.keys.judgement, scene.keys.verdict, remote=True)
+        self._answers = Inbox()
+        self._session.request(scene.keys.judgement, self._answers.put, ANSWER_TIMEOUT_S)
         self._judgements: dict[str, bytes] = {}
         self._verdicts: dict[str, bytes] = {}
         self._decoded_s = float("-inf")
@@ -54,34 +56,47 @@ class StandbyListener:
         otherwise one judgement per second.
         """
         self._session.poll()
+        for arrival in self._answers.take(0):
+            message = self._decode(arrival, vocabulary)
+            # What has been published since is newer.
+            if message is not None and (message.person or "") not in self._judgements:
+                yield self._keep(message, arrival.payload)
         every = every or self._scene.people.most > 1
         for arrival in self._inbox.take(0):
-            kind = VerdictMessage if arrival.key == self._scene.keys.verdict else JudgementMessage
-            if kind is JudgementMessage and not every and now_s - self._decoded_s < DECODE_EVERY_S:
+            if arrival.key != self._scene.keys.verdict and not every and now_s - self._decoded_s < DECODE_EVERY_S:
                 self._judgements[""] = arrival.payload
                 yield None
                 continue
-            try:
-                message = decode_from(arrival.key, kind, arrival.payload)
-                self.foreign = None
-                if vocabulary is not None and message.vocabulary.hash != vocabulary.digest:
-                    self.foreign = message
-                    yield None
-                    continue
-                if vocabulary is not None:
-                    check_vocabulary(message, vocabulary)
-            except BadMessage as error:
-                if not self._warned:
-                    log.warning("%s: cannot be used: %s", arrival.key, error)
-                self._warned = True
-                yield None
-                continue
-            self._decoded_s = now_s
-            last = self._verdicts if kind is VerdictMessage else self._judgements
-            # Names can be invented.
-            if message.person is None or message.person in self._scene.people.ids:
-                last[message.person or ""] = arrival.payload
+            message = self._decode(arrival, vocabulary)
+            if message is not None:
+                self._decoded_s = now_s
+                self._keep(message, arrival.payload)
             yield message
+
+    def _decode(self, arrival: Arrival, vocabulary: Vocabulary | None) -> JudgementMessage | None:
+        """The message; None if it cannot be used."""
+        kind = VerdictMessage if arrival.key == self._scene.keys.verdict else JudgementMessage
+        try:
+            message = decode_from(arrival.key, kind, arrival.payload)
+            self.foreign = None
+            if vocabulary is not None and message.vocabulary.hash != vocabulary.digest:
+                self.foreign = message
+                return None
+            if vocabulary is not None:
+                check_vocabulary(message, vocabulary)
+        except BadMessage as error:
+            if not self._warned:
+                log.warning("%s: cannot be used: %s", arrival.key, error)
+            self._warned = True
+            return None
+        return message
+
+    def _keep(self, message: JudgementMessage, payload: bytes) -> JudgementMessage:
+        last = self._verdicts if isinstance(message, VerdictMessage) else self._judgements
+        # Names can be invented.
+        if message.person is None or message.person in self._scene.people.ids:
+            last[message.person or ""] = payload
+        return message
 
     def checkpoint(self) -> Checkpoint | None:
         """The last published messages; None before the first one, or if they cannot be decoded."""
@@ -123,7 +138,7 @@ class HandoverRequest:
         self._session.request(
             key,
             lambda _, payload: self._answers.append(payload),
-            HANDOVER_TIMEOUT_S,
+            ANSWER_TIMEOUT_S,
             finish,
             own.encode(),
             MAX_MESSAGE_BYTES,
@@ -174,7 +189,7 @@ class VocabularyLookup:
         for vocabulary, _ in self._usable(payloads, digest):
             return vocabulary
         # Another one is asked for at once.
-        self._ask(VOCABULARY_TIMEOUT_S if digest == self._wanted else 0.0)
+        self._ask(ANSWER_TIMEOUT_S if digest == self._wanted else 0.0)
         self._wanted = digest
         return None
 
@@ -211,7 +226,7 @@ class VocabularyLookup:
             self._is_complete = self._payloads is payloads
 
         self._session.request(
-            self._scene.keys.vocabulary, lambda _, payload: payloads.append(payload), VOCABULARY_TIMEOUT_S, finish
+            self._scene.keys.vocabulary, lambda _, payload: payloads.append(payload), ANSWER_TIMEOUT_S, finish
         )
 
     def close(self) -> None:

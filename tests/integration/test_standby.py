@@ -227,6 +227,22 @@ def test_a_movement_that_ends_while_the_leader_hangs_is_published_by_the_next_le
     assert ended.at_ns <= continued.at_ns and continued.movement is None
 
 
+def test_a_service_that_begins_after_the_last_message_of_the_owner_goes_on_with_its_movement(stage):
+    """It asks for it: the owner publishes nothing more, and no file has the movement."""
+    fusion = stage.scene.fusion.model_copy(update={"memory": ""})
+    stage.scene = stage.scene.model_copy(update={"fusion": fusion})
+    stage.play("a")
+    decided = stage.decide()
+    stage.judgement(lambda j: j.movement is not None and j.movement.label == "bowing")
+    stage.freeze("a")
+    stage.begin("b")
+    continued = stage.judgement(lambda j: j.fusion == "b")
+    assert continued.movement is not None and continued.movement.id == decided.id
+    stage.state = REST
+    ended = stage.verdicts(lambda v: v.ended_ns is not None)
+    assert [(v.id, v.fusion) for v in ended] == [(decided.id, "b")]
+
+
 def test_a_standby_service_publishes_its_status_and_nothing_else(stage):
     stage.begin("a")
     stage.judgement(lambda j: j.fusion == "a")
