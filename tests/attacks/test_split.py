@@ -7,6 +7,8 @@ from contextlib import ExitStack
 import pytest
 from attack_listeners import listeners
 from attack_storm import aftermath
+from fault_people import CYCLE_NS, PEOPLE
+from fault_people_stage import PeopleStage, both_count, of, performed
 from fault_processes import Process
 from fault_slow_line import SlowLine
 from fault_stage import SCENE, SECOND_NS, SERVICES, SETTLE_S, Replay, Stage, all_count
@@ -96,3 +98,35 @@ def test_after_a_split_there_is_one_leader_and_one_verdict_a_movement_for_every_
 def all_joined(judgement):
     """Whether observers of both halves count."""
     return all(judgement["votes"][name]["state"] == "counted" for name in ("door", "wheel"))
+
+
+def test_after_a_split_each_movement_of_two_people_has_one_verdict_that_ended(tmp_path, long_form):
+    """SIMULATED people; at a listener in each half."""
+    port = free_port()
+    with PeopleStage(tmp_path, extra="quorum = 1") as stage, SlowLine(stage.port, 0.0) as line:
+        far_file = stage.write("far.toml", f"tcp/127.0.0.1:{port}", "quorum = 1")
+        stage.processes[SERVICES[1]] = stage.service(SERVICES[1], far_file)
+        stage.processes["wheel"] = stage.observer("wheel", far_file)
+        stage.processes["far router"] = far_router(tmp_path, port, line.port)
+        stage.play()
+        near, far = stage.witness(), stage.witness(far_file)
+        for witness in (near, far):
+            witness.wait_for(both_count, why="all count")
+        since_ns = time.time_ns()
+        line.cut()
+        far.wait_for(lambda w: w.last["fusion"] == SERVICES[1], why="the other half has an owner of its own")
+        until_ns = time.time_ns() + (6 if long_form else 1) * CYCLE_NS
+        near.wait_for(lambda w: w.last["at_ns"] > until_ns, why="the split lasts")
+        line.heal()
+        healed_ns = time.time_ns()
+        near.wait_for(lambda w: w.last["at_ns"] > healed_ns + 2 * CYCLE_NS, why="movements after the split")
+        far.look()
+        settled_ns = near.last["at_ns"] - round(2 * SETTLE_S * SECOND_NS)
+        for name, witness in {"near": near, "far": far}.items():
+            for person in PEOPLE:
+                movements = performed(person, since_ns, settled_ns)
+                result = aftermath(movements, of(person, witness.judgements), of(person, witness.verdicts))
+                print(name, person, result)
+                assert result.harmless and result.right, f"{name}, {person}: {vars(result)}\n{stage.logs()}"
+        one_ns = healed_ns + round(ONE_LEADER_S * SECOND_NS)
+        assert leader(near, one_ns) == leader(far, one_ns) is not None

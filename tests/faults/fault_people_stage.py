@@ -1,0 +1,116 @@
+"""The processes that see and judge two SIMULATED people, to be made to fail, and a witness of what is published."""
+
+import io
+import sys
+from contextlib import ExitStack, redirect_stdout
+
+import fault_people
+from fault_people import APART_NS, CYCLE_NS, LABELS, MOVES_NS, OBSERVERS, PEOPLE, label_of
+from fault_processes import Process
+from fault_stage import SERVICES, Movement, Witness
+from processes import labanmesh
+
+import labanmesh as command_line
+from benchmarks.timing import free_port
+
+
+def performed(person, from_ns, until_ns):
+    """The movements of a person that lie wholly between two times."""
+    first = (from_ns - APART_NS[person]) // CYCLE_NS
+    movements = []
+    for number in range(first, (until_ns - APART_NS[person]) // CYCLE_NS + 1):
+        began_ns = number * CYCLE_NS + APART_NS[person]
+        if from_ns <= began_ns and began_ns + MOVES_NS <= until_ns:
+            movements.append(Movement(label_of(person, number), began_ns, began_ns + MOVES_NS))
+    return movements
+
+
+class PeopleStage:
+    """A router, two fusion services, three observers and a witness; a context manager that ends them all.
+
+    secured: with certificates. lie: what the last observer does.
+    """
+
+    def __init__(self, folder, *, secured=False, lie=None, extra=""):
+        self.folder, self._secured, self._ended = folder, secured, ExitStack()
+        self.port = free_port()
+        self.endpoint = f"{'tls' if secured else 'tcp'}/127.0.0.1:{self.port}"
+        self.file = self.write("scene.toml", self.endpoint, extra)
+        if secured:
+            self._certify()
+        router = ("router", "--scene", self.file) if secured else ("router", self.endpoint)
+        self.processes = {"router": Process(labanmesh(*router), environment=self.environment("router"))}
+        for name in SERVICES:
+            self.processes[name] = self.service(name, self.file)
+        for name in OBSERVERS:
+            self.processes[name] = self.observer(name, self.file, *([lie] if lie and name == OBSERVERS[-1] else []))
+
+    def write(self, name, endpoint, extra=""):
+        """A scene file of this stage that meets at `endpoint`."""
+        labels, names = (", ".join(f'"{each}"' for each in some) for some in (LABELS, PEOPLE))
+        credentials = 'credentials = "secure/hub.1"\n' if self._secured else ""
+        observers = "".join(f'[observers.{each}]\nsource = "m.npz"\n' for each in OBSERVERS)
+        place = self.folder / name
+        place.write_text(
+            f'scene = "dojo"\nvocabulary = [{labels}]\n[mesh]\nmode = "router"\nendpoint = "{endpoint}"\n{credentials}'
+            f"[people]\nmost = {len(PEOPLE)}\nnames = [{names}]\n{observers}"
+            f'[fusion]\nid = "{SERVICES[0]}"\nstandby = ["{SERVICES[1]}"]\n{extra}\n'
+        )
+        return place
+
+    def service(self, name, file):
+        """The process of a fusion service."""
+        return Process(labanmesh("fuse", file, "--id", name), environment=self.environment(name))
+
+    def observer(self, name, file, *lie):
+        """The process of an observer."""
+        command = [sys.executable, fault_people.__file__, str(file), name, *lie]
+        return Process(command, environment=self.environment(name))
+
+    def environment(self, certificate):
+        """What a process needs in a secured mesh."""
+        place = self.folder / "secure" / f"{certificate}.1"
+        return {"LABANMESH_MESH_CREDENTIALS": str(place)} if self._secured else {}
+
+    def _certify(self):
+        machines = {"router": (), "hub": ("--hub",)} | {name: ("--fusion", name) for name in SERVICES}
+        machines |= {name: ("--observer", f"dojo/{name}") for name in OBSERVERS}
+        for words in (("init",), *(("add", name, *rights) for name, rights in machines.items())):
+            with redirect_stdout(io.StringIO()):
+                assert command_line.main(["secure", words[0], str(self.file), *words[1:]]) == 0
+
+    def play(self):
+        """Start all processes, the router first."""
+        self.processes["router"].start().wait_for("listening on")
+        for name, process in self.processes.items():
+            if name != "router":
+                process.start()
+
+    def witness(self, file=None):
+        """A started witness."""
+        witness = Witness(file or self.file, (), self.environment("hub"))
+        self._ended.callback(witness.process.kill)
+        return witness.start()
+
+    def logs(self):
+        """What all have written, the end of it."""
+        return "\n".join(f"--- {name}\n{process.log[-1500:]}" for name, process in self.processes.items())
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in self.processes.values():
+            process.kill()
+        self._ended.close()
+
+
+def of(person, messages):
+    """The messages about one person."""
+    return [message for message in messages if message.get("person") == person]
+
+
+def both_count(witness, observers=OBSERVERS):
+    """Whether the votes of these observers count for both people in their newest judgements."""
+    last = {person: (of(person, witness.judgements) or [{"votes": {}}])[-1]["votes"] for person in PEOPLE}
+    return all(votes.get(name, {}).get("state") == "counted" for votes in last.values() for name in observers)
