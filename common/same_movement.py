@@ -11,7 +11,7 @@ id of its own.
 3. The service that stands down ends its movement with `same_as`, the other's id. A listener that knew the movement
    takes that message for its end, and ignores later ones about the other id. One that did not, or knows the end
    already, ignores it.
-4. Of two equal messages the second is ignored: what may have been lost is sent again.
+4. Of two equal messages the second is ignored, and so is what follows an end: what may have been lost is sent again.
 """
 
 from collections import OrderedDict
@@ -62,9 +62,9 @@ class SameMovement:
         if known is None:
             known = self._known[verdict.id] = _Known(verdict, 0)
             _forget(self._known)
-        elif (known.verdict.stage, known.verdict.label) == (verdict.stage, verdict.label):
+        elif known.has_ended or (known.verdict.stage, known.verdict.label) == (verdict.stage, verdict.label):
             return None
-        known.verdict, known.has_ended = verdict, known.has_ended or verdict.ended_ns is not None
+        known.verdict, known.has_ended = verdict, verdict.ended_ns is not None
         known.until_ns = max(known.until_ns, span_of(verdict)[1])
         return verdict
 

@@ -159,7 +159,14 @@ class VerdictPublisher:
         self._vocabularies.put(vocabulary)
 
     def remember(self, message: JudgementMessage) -> None:
-        """Keep the newest message that another service has published, or that the file had."""
+        """Keep the newest message that another service has published, or that the file had.
+
+        That service sends again what may be lost of its movement: an end may have followed what this one has sent.
+        """
+        movement = message if isinstance(message, VerdictMessage) else message.movement
+        if movement is not None and self._sent:
+            kept = [sent for sent in self._sent if sent.movement_id != movement.id]
+            self._sent = deque(kept, maxlen=VERDICTS_LIMIT)
         self._note(message)
         if not isinstance(message, VerdictMessage):
             self._write()

@@ -74,6 +74,7 @@ CASES = {
         [DECIDED, ENDED],
     ),
     "that hears the same of two services": ([DECIDED, DECIDED, ENDED, ENDED], [DECIDED, ENDED]),
+    "that hears what came before the end again": ([DECIDED, ENDED, DECIDED], [DECIDED, ENDED]),
     "that knows the end": ([DECIDED, ENDED, CLOSED], [DECIDED, ENDED]),
     "of movements that touch": ([DECIDED, ENDED, NEXT], [DECIDED, ENDED, NEXT]),
 }  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 
 from common.keys import SceneKeys
-from common.messages import VerdictMessage
+from common.messages import OngoingMovement, VerdictMessage
 from common.wire import decode, encode
 from fusion.publisher import REPEATS_LIMIT, VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
 
@@ -127,3 +127,19 @@ def test_a_verdict_that_the_owner_sends_again_is_known_and_the_next_one_is_not(p
     standby = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None)
     standby.remember(scene.verdicts[0])
     assert [standby.has_published(verdict) for verdict in scene.verdicts[:3]] == [True, False, False]
+
+
+def test_what_another_service_goes_on_with_is_not_sent_again(played):
+    """It repeats what may be lost itself, and may have ended the movement where this service did not hear it."""
+    (scene, judgement), sent = played, []
+    publisher = SimpleNamespace(put=sent.append, has_subscriber=False)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
+    owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None, put=lambda *_: None)
+    decided, other = scene.verdicts[0], scene.verdicts[2]
+    for verdict in (decided, other):
+        owner.publish([verdict], judgement, VOCABULARY, 0.0)
+    movement = OngoingMovement(id=decided.id, began_ns=decided.began_ns, label=decided.label)
+    owner.remember(judgement.model_copy(update={"movement": movement, "fusion": "other"}))
+    sent.clear()
+    owner.repeat_verdicts(-1.0, 1.0)
+    assert sent == [encode(other)]

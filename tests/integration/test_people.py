@@ -59,7 +59,7 @@ class Room:
 
     def _publish(self, stop):
         while not stop.wait(0.03):
-            for name, publisher in self.publishers.items():
+            for name, publisher in tuple(self.publishers.items()):
                 plain = {"": (None, self.plain[name])} if name in self.plain else self.people
                 for person, (at, (p, rest)) in plain.items():
                     self.seq += 1
