@@ -30,7 +30,7 @@ from fusion.people import ScenePeople, SeenTrack
 from observer.geometry.placement import PersonPlacement
 from observer.learning.learn import learn_view
 from observer.model.base import MovementModel
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, labels_of, movements_in
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.projected_people import ProjectedPeople
@@ -109,26 +109,29 @@ def judged(trial: Trial) -> Result:
         exchanged |= early != late and None not in (early, late)
         lost |= early is None or late is None
         theirs = [verdict for verdict in both.verdicts if verdict.person == early]
-        right = [verdict for verdict in own.verdicts if _is_right(verdict, person, trial.rate_hz)]
+        right = [verdict for verdict in own.verdicts if is_right(verdict, person, trial.rate_hz)]
         alone += len(right)
-        kept += sum(any(_is_same(verdict, each) for each in theirs) for verdict in right)
-        wrong += sum(verdict.label != "abstain" and not _is_right(verdict, person, trial.rate_hz) for verdict in theirs)
+        kept += sum(any(is_same(verdict, each) for each in theirs) for verdict in right)
+        wrong += sum(verdict.label != "abstain" and not is_right(verdict, person, trial.rate_hz) for verdict in theirs)
         total += len(person.spans)
     return Result(alone, kept, wrong, total, exchanged, lost)
 
 
-def _is_right(verdict: VerdictMessage, person: RoomPart, rate_hz: float) -> bool:
-    begin, end = ((at - BEGIN_NS) / SECOND_NS * rate_hz for at in (verdict.began_ns, verdict.ended_ns or 0))
+def is_right(verdict: VerdictMessage, person: RoomPart, rate_hz: float, begin_ns: int = BEGIN_NS) -> bool:
+    """Whether the person has performed that then; begin_ns: when the first frame was."""
+    begin, end = ((at - begin_ns) / SECOND_NS * rate_hz for at in (verdict.began_ns, verdict.ended_ns or 0))
     return any(s.label == verdict.label and begin < s.end and end > s.start for s in person.spans)
 
 
-def _is_same(one: VerdictMessage, other: VerdictMessage) -> bool:
+def is_same(one: VerdictMessage, other: VerdictMessage) -> bool:
+    """Whether both name the same movement at a common time."""
     ends = one.ended_ns or 0, other.ended_ns or 0
     return one.label == other.label and one.began_ns < ends[1] and other.began_ns < ends[0]
 
 
 def main(
-    archive: Annotated[Path, typer.Argument(help="MSR Action3D as a motion archive.")],
+    archive: Annotated[Path, typer.Argument(help="A motion archive of the whole body.")],
+    labels: Annotated[str, typer.Option(help="Movements of the vocabulary.")] = ",".join(LABELS),
     learn: Annotated[str, typer.Option(help="Whose recordings the observers learn from.")] = "1,3,5",
     show: Annotated[str, typer.Option(help="Who performs.")] = "7,9",
     apart: Annotated[str, typer.Option(help="Metres between the two.")] = "1,1.5,2",
@@ -139,25 +142,22 @@ def main(
     seed: int = 0,
 ) -> None:
     """Print a row for each distance and number of cameras."""
-    data = with_labels(read_archive(archive), LABELS)
-    rows = [data.body_parts.index(part) for part in WHOLE_BODY]
-    data = MotionArchive(WHOLE_BODY, tuple(_of_rows(r, rows) for r in data.recordings))
-    learned = MotionArchive(WHOLE_BODY, tuple(r for r in data.recordings if r.subject in learn.split(",")))
+    data = chosen(archive, labels)
+    learned = learned_from(data, learn)
     numbers = [int(each) for each in cameras.split(",")]
     if crossings:
         _print_crossings(data, [float(each) for each in apart.split(",")], numbers, show.split(","), crossings, seed)
         return
-    vocabulary, place = Vocabulary(LABELS), PersonPlacement()
-    models = [learn_view(learned, camera(n), vocabulary, placement=place) for n in range(max(numbers))]
+    models = models_of(learned, max(numbers))
     if cost:
         _print_cost(data, models, show.split(",")[0], seed)
         return
     print("apart_m cameras performed alone kept share wrong exchanged lost", flush=True)
-    people = show.split(",")
-    pairs = list(pairwise([*people, people[0]])) if len(people) > 2 else [(people[0], people[1])]
     for metres in map(float, apart.split(",")):
         for number in numbers:
-            trials = [_trial(data, models[:number], pair, metres, takes, seed + n) for n, pair in enumerate(pairs)]
+            trials = [
+                trial_of(data, models[:number], pair, metres, takes, seed + n) for n, pair in enumerate(pairs_of(show))
+            ]
             results = [judged(trial) for trial in trials]
             alone, kept, wrong, total, exchanged, lost = (
                 sum(getattr(result, name) for result in results)
@@ -170,7 +170,9 @@ def main(
 def _print_cost(data: MotionArchive, models: Sequence[MovementModel], subject: str, seed: int) -> None:
     """The same person once, twice and four times in one room, side by side."""
     own = [r for r in data.recordings if r.subject == subject]
-    (stream,) = strung([next(r for r in own if r.label == label) for label in LABELS], np.random.default_rng(seed))
+    (stream,) = strung(
+        [next(r for r in own if r.label == label) for label in labels_of(data)], np.random.default_rng(seed)
+    )
     archive, first = MotionArchive(WHOLE_BODY, (stream,)), None
     print("people observer_ms fusion_ms observer fusion (a frame of all cameras; times that of one person)", flush=True)
     for count in (1, 2, 4):
@@ -187,7 +189,7 @@ def _print_crossings(
     print("apart_m cameras crossings exchanged lost", flush=True)
     for metres in apart:
         trials = [
-            _trial(data, [], (people[n % len(people)], people[(n + 1) % len(people)]), metres, 1, seed + n)
+            trial_of(data, [], (people[n % len(people)], people[(n + 1) % len(people)]), metres, 1, seed + n)
             for n in range(count)
         ]
         for number in cameras:
@@ -196,21 +198,47 @@ def _print_crossings(
             print(f"{metres:7g} {number:7d} {count:9d} {exchanged:9d} {lost:4d}", flush=True)
 
 
+def chosen(archive: Path, labels: str) -> MotionArchive:
+    """The movements with these labels, of the whole body."""
+    data = read_archive(archive)
+    data = with_labels(MotionArchive(data.body_parts, tuple(movements_in(data))), labels.split(","))
+    rows = [data.body_parts.index(part) for part in WHOLE_BODY]
+    return MotionArchive(WHOLE_BODY, tuple(_of_rows(r, rows) for r in data.recordings))
+
+
+def learned_from(data: MotionArchive, people: str) -> MotionArchive:
+    """The recordings of these people."""
+    return MotionArchive(data.body_parts, tuple(r for r in data.recordings if r.subject in people.split(",")))
+
+
+def models_of(learned: MotionArchive, cameras: int) -> list[MovementModel]:
+    """One for each camera."""
+    vocabulary = Vocabulary(labels_of(learned))
+    return [learn_view(learned, camera(n), vocabulary, placement=PersonPlacement()) for n in range(cameras)]
+
+
+def pairs_of(people: str) -> list[tuple[str, str]]:
+    """Each person with the next one."""
+    ids = people.split(",")
+    return list(pairwise([*ids, ids[0]])) if len(ids) > 2 else [(ids[0], ids[1])]
+
+
 def _of_rows(recording: Recording, rows: Sequence[int]) -> Recording:
     return Recording(recording.positions[:, rows], recording.rate_hz, recording.label, recording.subject,
                      recording.trial, recording.spans)  # fmt: skip
 
 
-def _trial(
+def trial_of(
     data: MotionArchive, models: Sequence[MovementModel], pair: tuple[str, str], apart: float, takes: int, seed: int
 ) -> Trial:
+    """These two, each with `takes` recordings of each of their movements in a random order."""
     rng = np.random.default_rng(seed)
     aside = ASIDE_M * rng.choice([-1, 1])
     places = np.array([apart / 2, 0.0]), np.array([-apart / 2, 0.0])
     parts = []
     for number, subject in enumerate(pair):
         own = [r for r in data.recordings if r.subject == subject]
-        chosen = [r for label in LABELS for r in [r for r in own if r.label == label][:takes]]
+        chosen = [r for label in labels_of(data) for r in [r for r in own if r.label == label][:takes]]
         chosen = [chosen[i] for i in rng.permutation(len(chosen))]
         there = places if number == 0 else places[::-1]
         parts.append(performed(chosen, WHOLE_BODY, (there[0], there[1]), aside * (1 - 2 * number), rng))

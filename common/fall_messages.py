@@ -10,17 +10,21 @@ from common.messages import Agreement, Message
 FallStage = Literal["unknown", "up", "low", "fallen"]
 OBSERVERS_LIMIT = 256
 """Observers in a fall message."""
+TRACKS_LIMIT = 8
+"""People whom one observer sees."""
 
 
 class PostureMessage(Message):
     """What one observer sees of the watched person's posture; the key says whose message it is.
 
     lying: the probability that the person lies, from the frame captured at `captured_ns`; omitted while the observer
-    does not see the person well enough to tell. It needs no model.
+    does not see the person well enough to tell. It needs no model. `people`: of an observer that follows several
+    people, the same for each of its tracks that it sees well enough; `lying` is then the greatest.
     """
 
     captured_ns: Time
     lying: Probability | None = None
+    people: Annotated[dict[Identifier, Probability], Field(max_length=TRACKS_LIMIT)] | None = None
 
 
 class FallMessage(Message):
@@ -30,7 +34,8 @@ class FallMessage(Message):
     file; `unknown`: nobody has been seen up yet. `id`: of the newest fall; all messages about it have the same, also
     the `up` that ends it. `since_ns`: when the stage began, of `fallen` when the person began to lie. `lying`: the
     probability that as many observers reach as must agree, omitted while nobody sees the person; `agreement`: k of the
-    n that see the person hold that they lie. `observers`: `lying` of each that sees them.
+    n that see the person hold that they lie. `observers`: `lying` of each that sees them. `person`: whom it is about,
+    in a scene that judges several people; each has stages of their own.
     """
 
     scene: Identifier
@@ -43,3 +48,4 @@ class FallMessage(Message):
     lying: Probability | None = None
     agreement: Agreement = Agreement(k=0, n=0)
     observers: Annotated[dict[Identifier, Probability], Field(default_factory=dict, max_length=OBSERVERS_LIMIT)]
+    person: Identifier | None = None

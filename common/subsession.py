@@ -96,11 +96,12 @@ class Publisher:
 class SubSession:
     """A part of a session on the mesh that can be closed alone; `close` ends all that was declared with it.
 
-    polled: callbacks are called, and inboxes filled, only by `poll`.
+    session: of this process, or a part of it. polled: callbacks are called, and inboxes filled, only by `poll`.
     """
 
-    def __init__(self, session: zenoh.Session, *, polled: bool = False) -> None:
-        self._session, self._is_polled = session, polled
+    def __init__(self, session: "zenoh.Session | SubSession", *, polled: bool = False) -> None:
+        self._session: zenoh.Session = session._session if isinstance(session, SubSession) else session
+        self._is_polled = polled
         self._declared: list[Any] = []
         self._inboxes: list[Inbox] = []
         self._rings: list[_Polled] = []
@@ -109,7 +110,7 @@ class SubSession:
 
     def sub_session(self, *, polled: bool = False) -> "SubSession":
         """Another part of the same session, which outlives it."""
-        return SubSession(self._session, polled=polled)
+        return SubSession(self, polled=polled)
 
     def poll(self) -> None:
         """Process everything that waits in the rings of a polled sub-session, in this thread."""

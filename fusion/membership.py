@@ -74,7 +74,7 @@ class SceneMember:
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
         fallen, memory = scene.watch.fallen, None if self._file is None else self._file.beside("fall")
-        self._falls = None if fallen is None else FallWatch(scene, service, fallen.after_s, memory)
+        self._falls = FallWatch(scene, service, fallen.after_s, memory, lambda: self.worker) if fallen else None
 
     @property
     def role(self) -> Role:

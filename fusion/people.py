@@ -7,7 +7,8 @@ The design: people.md. Places are (2,) x and z on the floor in metres, covarianc
 2. The tracks of one observer are of different people: the matching with the least total cost counts.
 3. A track that fits nobody for `BEGIN_S` begins a person, if the scene has one free, or has one whom one observer alone
    sees and two see this one.
-4. A person whom no track shows for `GONE_S` has left. Until then they are expected where they were going.
+4. A person whom no track shows for `GONE_S` has left. Until then they are expected where they were going. Who is
+   `kept`, because they lie, has not left: they are expected where they were.
 """
 
 import itertools
@@ -81,6 +82,7 @@ class ScenePeople:
         self.ids = tuple(ids)
         self._people: dict[str, Motion] = {}
         self._tracks: dict[tuple[str, str], _Track] = {}
+        self.kept: frozenset[str] = frozenset()
 
     @property
     def present(self) -> Sequence[str]:
@@ -202,6 +204,10 @@ class ScenePeople:
     def _forget(self, now_ns: int) -> None:
         """Forget people and tracks that have not been seen for GONE_S, and all that is dated far ahead."""
         gone_ns = GONE_S * SECOND_NS
+        for person in self.kept & self._people.keys():
+            if now_ns - self._people[person].seen_ns > FRESH_S * SECOND_NS:
+                at, _ = self._people[person].expected(self._people[person].seen_ns)
+                self._people[person] = Motion(at, np.eye(2) * 4 * BODY_M**2, now_ns)
         self._people = {p: m for p, m in self._people.items() if abs(now_ns - m.seen_ns) <= gone_ns}
         self._tracks = {key: t for key, t in self._tracks.items() if abs(now_ns - t.seen.at_ns) <= gone_ns}
         for track in self._tracks.values():

@@ -253,6 +253,11 @@ class PeopleWorker:
 Worker = SceneWorker | PeopleWorker
 
 
+def people_of(worker: Worker | None) -> ScenePeople | None:
+    """Who is who in a scene that judges several people; None while nobody judges it here."""
+    return worker.people if isinstance(worker, PeopleWorker) else None
+
+
 def worker_of(
     scene: Scene,
     service: Service,

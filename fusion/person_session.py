@@ -17,7 +17,7 @@ class PersonSession(SubSession):
 
     def __init__(self, scene: SubSession, present: Presence) -> None:
         """scene: whose session it is a part of; present: the observers that are."""
-        super().__init__(scene._session)
+        super().__init__(scene)
         self._present = present
         self.answers: dict[str, Answer] = {}
 

@@ -7,11 +7,26 @@ persons may show whatever judgement is the newest.
 from collections.abc import Mapping, Sequence
 
 from common import SECOND_NS
+from common.fall_messages import FallMessage
 from common.messages import JudgementMessage
 
 Others = Mapping[str, JudgementMessage]
+Falls = Mapping[str, FallMessage]
 AWAY_NS = 2 * SECOND_NS
 """Who has not been judged for so long, by the fusion machine's clock, is not there."""
+
+STAGES = ("unknown", "up", "low", "fallen")
+"""Of the watch for falls, those that matter most last."""
+
+
+def with_fall(falls: Falls, message: FallMessage) -> Falls:
+    """The newest stage of each person, with one more."""
+    return {**falls, message.person or "": message}
+
+
+def worst(falls: Falls) -> FallMessage:
+    """The one that matters most; of equal stages the newest."""
+    return max(falls.values(), key=lambda fall: (STAGES.index(fall.stage), fall.since_ns))
 
 
 def is_beside(message: JudgementMessage, shown: JudgementMessage | None) -> bool:

@@ -94,8 +94,8 @@ class SceneState:
     roster: the observers in the scene file; each is shown from the start. services: its fusion services.
     next_vocabulary: one that the judgement does not have yet. verdicts: newest first, at most VERDICTS_LIMIT.
     received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on synchronised clocks.
-    rejected, dropped, skipped: how many messages were rejected, lost to a full queue, and left out since a newer
-    judgement was there. same_id_reports: see hub/same_id.py. others: of people who are not the one in `judgement`.
+    rejected, dropped, skipped: messages that were rejected, lost to a full queue, left out since a newer one was there.
+    same_id_reports: see hub/same_id.py. others: of those who are not in `judgement`. fall: the worst of `falls`.
     """
 
     scene: str
@@ -114,6 +114,7 @@ class SceneState:
     services: tuple[str, ...] = ()
     same_id_reports: same_id.Reports = field(default_factory=dict)
     fall: FallMessage | None = None
+    falls: Mapping[str, FallMessage] = field(default_factory=dict)
     others: people.Others = field(default_factory=dict)
 
     def at(self, now_ns: int) -> "SceneState":
@@ -140,9 +141,9 @@ class SceneState:
             case StatusMessage():
                 return self._with_status(message, role, received_ns)
             case FallMessage():
-                return replace(self, fall=message)
+                return replace(self, falls=(known := people.with_fall(self.falls, message)), fall=people.worst(known))
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
-                # Any process may answer a query, also one that uses another vocabulary; it may be the next one.
+                # Any process may answer a query, also one with another vocabulary; it may be the next one.
                 return replace(self, next_vocabulary=message)
             case VocabularyMessage():
                 return replace(self, vocabulary=message)

@@ -20,7 +20,6 @@ from hub.same_id import in_words
 from hub.scene_state import SOMETHING_ELSE, ObserverState, RankedLabel, SceneState, is_abstention
 from hub.terminal_widgets import MANNER_LINES, ShareBar, grid, manner_table
 from hub.wording import (
-    FALL_WORDS,
     WAITING,
     age,
     agreement,
@@ -29,6 +28,7 @@ from hub.wording import (
     contributed,
     dissent,
     duration,
+    fall_words,
     label_words,
     percent,
     person_line,
@@ -119,7 +119,7 @@ def _header(state: SceneState) -> RenderableType:
 
 def _news(state: SceneState) -> Iterable[str]:
     if state.fall is not None and state.fall.stage in ("low", "fallen"):
-        yield FALL_WORDS[state.fall.stage].upper()
+        yield printable(fall_words(state.fall)).upper()
     if state.same_ids:
         yield in_words(state.same_ids)
     if state.rejected:

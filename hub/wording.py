@@ -161,7 +161,7 @@ def label_words(verdict: VerdictMessage) -> str:
     return of_person(verdict) + printable(" -> ".join(labels))
 
 
-def of_person(judgement: JudgementMessage) -> str:
+def of_person(judgement: JudgementMessage | FallMessage) -> str:
     """`left: ` if the scene judges several people, empty otherwise."""
     return f"{judgement.person}: " if judgement.person else ""
 
@@ -206,11 +206,19 @@ FALL_WORDS = {
 }
 
 
+def fall_words(fall: FallMessage) -> str:
+    """What a stage means, for people: `somebody has fallen`, `left has fallen`."""
+    words = FALL_WORDS[fall.stage]
+    if fall.person is None:
+        return words
+    return words.replace("somebody", fall.person) if "somebody" in words else f"{fall.person}: {words}"
+
+
 def fall_line(fall: FallMessage) -> str:
     """A stage of the watch for falls as one line: `14:03:22  fall  somebody has fallen  3 of 4 see it  97%`."""
     sight = f"{fall.agreement.k} of {fall.agreement.n} see the person lie" if fall.agreement.n else "nobody sees them"
     sure = "" if fall.lying is None or fall.stage == "up" else percent(fall.lying).strip()
-    text = "up again" if fall.stage == "up" and fall.id else FALL_WORDS[fall.stage]
+    text = f"{of_person(fall)}up again" if fall.stage == "up" and fall.id else printable(fall_words(fall))
     return "  ".join(filter(None, [clock_time(fall.since_ns), "fall", text, sight if fall.stage != "up" else "", sure]))
 
 

@@ -109,6 +109,7 @@ def state_data(history: "SceneHistory") -> Json:
             "stage": fall.stage,
             "since": fall.since_ns // NS_PER_MS,
             "agreement": [fall.agreement.k, fall.agreement.n],
+            **({} if fall.person is None else {"person": _text(fall.person)}),
         },
     }
 

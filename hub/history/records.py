@@ -99,7 +99,9 @@ def _of_fall(fall: FallMessage) -> HistoryRow | None:
         return None
     if fall.stage == "up":
         return HistoryRow("fall", fall.id, "fallen", "up", fall.since_ns, fall.at_ns, fall.since_ns)
-    agreement, detail = fall.agreement, json.dumps({"fusion": fall.fusion, "observers": dict(fall.observers)})
+    of_person = {} if fall.person is None else {"person": fall.person}
+    fields = {"fusion": fall.fusion, "observers": dict(fall.observers), **of_person}
+    agreement, detail = fall.agreement, json.dumps(fields)
     return HistoryRow(
         "fall", fall.id, "fallen", "fallen", fall.since_ns, fall.at_ns, None, fall.lying, agreement.k, agreement.n,
         detail=detail,

@@ -75,5 +75,6 @@ def _is_new(message: VerdictMessage | FallMessage, stages: dict[str, str]) -> bo
     """Verdicts are, and stages of the watch for falls that do not repeat the one before."""
     if isinstance(message, VerdictMessage):
         return True
-    before, stages["fall"] = stages.get("fall", ""), f"{message.id} {message.stage}"
-    return before != stages["fall"]
+    person, stage = message.person or "", f"{message.id} {message.stage}"
+    before, stages[person] = stages.get(person, ""), stage
+    return before != stage

@@ -16,7 +16,8 @@ def row_line(row: HistoryRow) -> tuple[str, str]:
     took = "" if row.ended_ns is None else f"{(row.ended_ns - row.began_ns) / SECOND_NS:.1f} s"
     sure = "" if row.p is None else percent(row.p).strip()
     if row.kind == "fall":
-        words = ["somebody fell" if row.ended_ns else "somebody has fallen", f"{row.k} of {row.n} saw it", sure]
+        who = printable(json.loads(row.detail).get("person", "somebody"))
+        words = [f"{who} fell" if row.ended_ns else f"{who} has fallen", f"{row.k} of {row.n} saw it", sure]
         words.append(f"up again after {took}" if took else "not seen up again")
     else:
         words = [what_of(row), f"{row.k} of {row.n} agree", sure, took]

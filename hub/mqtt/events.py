@@ -116,6 +116,7 @@ def last_event_state(verdict: VerdictMessage | None, fall: FallMessage | None) -
     if fall is not None and has_fall and (verdict is None or fall.since_ns >= verdict.began_ns):
         event = "fallen" if fall.stage == "fallen" else "up_again"
         fields = {"event": event, "kind": "fall", "id": fall.id, "when": moment(fall.since_ns)}
+        fields |= {} if fall.person is None else {"person": fall.person}
         return json.dumps(fields, allow_nan=False)
     if verdict is None:
         return None

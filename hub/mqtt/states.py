@@ -116,6 +116,7 @@ def _fall(topics: Topics, fall: FallMessage) -> Iterator[tuple[str, RetainedStat
         "since": moment(fall.since_ns),
         "confidence": None if fall.lying is None else round(100 * fall.lying),
         "agreement": f"{fall.agreement.k} of {fall.agreement.n}",
+        **({} if fall.person is None else {"person": fall.person}),
     }
     yield topics.of("fall"), RetainedState(_json(fields), fall.stage, SLOW_S)
 

@@ -13,7 +13,7 @@ from common.messages import VerdictMessage
 from common.text import printable
 from common.vocabulary import ABSTAIN
 from hub.anticipation import probability
-from hub.wording import clock_time, moment, of_person
+from hub.wording import clock_time, fall_words, moment, of_person
 
 EVERY = "*"
 FALLEN, UP_AGAIN, TEST = "fallen", "up_again", "test"
@@ -73,13 +73,14 @@ def _of_fall(fall: FallMessage) -> Notification | None:
         return None
     if fall.stage == "up":
         key, alarm = f"{fall.id} up", f"{fall.id} fallen"
-        return Notification(fall.scene, "fall", UP_AGAIN, key, "up again", fall.since_ns, None, "", after=alarm)
+        up = f"{of_person(fall)}up again"
+        return Notification(fall.scene, "fall", UP_AGAIN, key, printable(up), fall.since_ns, None, "", after=alarm)
     agreement = fall.agreement
     sure = f"{agreement.k} of {agreement.n} see the person lie" if agreement.n else "nobody sees the person now"
     sure = sure if fall.lying is None else f"{fall.lying:.0%} sure, {sure}"
     key = f"{fall.id} fallen"
     return Notification(
-        fall.scene, "fall", FALLEN, key, "somebody has fallen", fall.since_ns, fall.lying, sure, is_urgent=True
+        fall.scene, "fall", FALLEN, key, printable(fall_words(fall)), fall.since_ns, fall.lying, sure, is_urgent=True
     )
 
 

@@ -1,21 +1,24 @@
 """Publishes what an observer sees of the person's posture, for the watch for falls (docs/design/falls.md)."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from common import SECOND_NS
 from common.config_watch import Area
-from common.fall_messages import PostureMessage
+from common.fall_messages import TRACKS_LIMIT, PostureMessage
 from common.subsession import Publisher
 from common.wire import encode
 from observer.lying import LyingReader
 from observer.preview.small_picture import Sighting
+from observer.tracks import Floats
 
 HEARTBEAT_NS = SECOND_NS // 2
 MOST_CHANGE = 0.05
 """The evidence is published when it has changed by so much, and every HEARTBEAT_NS."""
+ONE = ""
+"""The track of an observer that follows one person."""
 HIPS = ("left_hip", "right_hip", "pelvis")
 CANNOT_TELL = (
     "watch.fallen: the tracker of this observer finds no torso and legs, so it takes no part in the watch; use a "
@@ -30,9 +33,11 @@ class PostureOutlet:
 
     def __init__(self, publisher: Publisher, areas: Sequence[Area] = ()) -> None:
         self._publisher, self._areas = publisher, areas
-        self._reader: LyingReader | None = None
+        self._readers: dict[str, LyingReader] = {}
+        self._can_tell: bool | None = None
         self._hips: list[int] = []
-        self._sent: tuple[int, float | None] = (0, None)
+        self._sent_ns = 0
+        self._sent: dict[str, float] = {}
 
     def is_due(self, now_ns: int) -> bool:
         """Always: a fall is short."""
@@ -40,27 +45,45 @@ class PostureOutlet:
 
     def show(self, sighting: Sighting, now_ns: int) -> None:
         """Read one frame; raises LabanmeshError if the link is closed."""
-        if self._reader is None:
-            self._reader = LyingReader(sighting.body_parts)
+        if self._can_tell is None:
+            self._can_tell = LyingReader(sighting.body_parts).can_tell
             self._hips = [row for row, part in enumerate(sighting.body_parts) if part in HIPS]
-            if not self._reader.can_tell:
+            if not self._can_tell:
                 log.warning(CANNOT_TELL)
-        if not self._reader.can_tell:
+        if not self._can_tell:
             return
-        lying = self._reader.update(sighting.tracks.centres, sighting.captured_ns)
-        if lying is not None and self._areas and self._is_left_out(sighting):
-            lying = 0.0
-        sent_ns, before = self._sent
-        is_old = not 0 <= sighting.captured_ns - sent_ns < HEARTBEAT_NS
-        if is_old or (lying is None) != (before is None) or abs((lying or 0.0) - (before or 0.0)) >= MOST_CHANGE:
-            self._sent = sighting.captured_ns, lying
-            self._publisher.put(encode(PostureMessage(captured_ns=sighting.captured_ns, lying=lying)))
+        tracks = sighting.tracks
+        several = {str(person.id): person.centres for person in tracks.persons}
+        lying = self._lying(several or {ONE: tracks.centres}, sighting)
+        changed = lying.keys() != self._sent.keys() or any(
+            abs(p - self._sent[track]) >= MOST_CHANGE for track, p in lying.items()
+        )
+        if changed or not 0 <= sighting.captured_ns - self._sent_ns < HEARTBEAT_NS:
+            self._sent_ns, self._sent = sighting.captured_ns, lying
+            message = PostureMessage(
+                captured_ns=sighting.captured_ns,
+                lying=max(lying.values(), default=None),
+                people=dict(list(lying.items())[:TRACKS_LIMIT]) if several else None,
+            )
+            self._publisher.put(encode(message))
 
     def close(self) -> None:
         """Nothing to complete."""
 
-    def _is_left_out(self, sighting: Sighting) -> bool:
-        hips = sighting.tracks.centres[self._hips]
+    def _lying(self, people: Mapping[str, Floats], sighting: Sighting) -> dict[str, float]:
+        """P(lying) of those who are seen well enough, by track."""
+        self._readers = {
+            track: self._readers.get(track) or LyingReader(sighting.body_parts) for track in people
+        }  # fmt: skip
+        known = {}
+        for track, centres in people.items():
+            p = self._readers[track].update(centres, sighting.captured_ns)
+            if p is not None:
+                known[track] = 0.0 if self._areas and self._is_left_out(centres, sighting) else p
+        return known
+
+    def _is_left_out(self, centres: Floats, sighting: Sighting) -> bool:
+        hips = centres[self._hips]
         hips = hips[np.isfinite(hips[:, 0])]
         if not len(hips):
             return False

@@ -4,13 +4,14 @@ import time
 
 import numpy as np
 import pytest
-from mesh_stage import LOOPBACK
+from mesh_stage import LOOPBACK, NAMED, posterior
 from processes import SOON_S, until
 
 from benchmarks.simulated_falls import fall
 from common import SECOND_NS
 from common.config import read_scene
 from common.fall_messages import FallMessage, PostureMessage
+from common.floor_place import FloorPlace
 from common.wire import decode, encode
 from fusion.server import serve
 from hub.session import SceneListener
@@ -18,7 +19,7 @@ from observer.geometry.projection import project
 from observer.geometry.views import parse_view
 from observer.preview.posture_outlet import PostureOutlet
 from observer.preview.small_picture import Sighting
-from observer.tracks import WHOLE_BODY, Tracks
+from observer.tracks import WHOLE_BODY, PersonTracks, Tracks
 from studies.performer.perform import PEOPLE
 
 OBSERVERS = "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in ("cam1", "cam2"))
@@ -159,3 +160,68 @@ def test_whoever_lies_in_an_area_that_is_left_out_does_not_lie():
 def test_a_tracker_without_legs_takes_no_part(caplog):
     assert shown(parts=("left_hand", "right_hand", "head")) == []
     assert caplog.text.count("finds no torso and legs") == 1
+
+
+LEFT, RIGHT = (1.0, 0.0), (-1.0, 0.0)
+
+
+class Room:
+    """Two observers that see two people stand at their places, and what each of them does. lying: by place."""
+
+    def __init__(self, mesh, scene):
+        self.scene, link = scene, mesh.peer("observer")
+        self.posteriors = {name: link.publisher(scene.keys.posterior(name)) for name in scene.roster}
+        self.postures = {name: link.publisher(scene.keys.posture(name)) for name in scene.roster}
+        self.people, self.seq = {LEFT: 0.0, RIGHT: 0.0}, 0
+        mesh.run(self._publish)
+
+    def _publish(self, stop):
+        while not stop.wait(0.03):
+            for name, publisher in self.posteriors.items():
+                people = {f"{name}-{'l' if at is LEFT else 'r'}": (at, p) for at, p in dict(self.people).items()}
+                for track, (at, _) in people.items():
+                    self.seq += 1
+                    place = FloorPlace(at=at, covariance=(0.04, 0.0, 0.04))
+                    publisher.put(posterior(name, self.seq, person=track, place=place, p=[0.5, 0.5], rest=0.95))
+                tracks = {track: p for track, (_, p) in people.items() if p is not None}
+                lying = max(tracks.values(), default=None)
+                message = PostureMessage(captured_ns=time.time_ns(), lying=lying, people=tracks)
+                self.postures[name].put(encode(message))
+
+
+def test_of_two_people_the_one_who_has_fallen_is_named_and_the_other_one_ends_no_alarm(mesh, tmp_path):
+    several = f'{NAMED}[people]\nmost = 2\nnames = ["left", "right"]\n'
+    (tmp_path / "s.toml").write_text(
+        f'scene = "dojo"\n{several}{LOOPBACK}{OBSERVERS}[watch.fallen]\nafter_s = 0.5\n[fusion]\nstart_s = 0\n'
+    )
+    scene = read_scene(tmp_path / "s.toml", {})
+    with SceneListener(scene, mesh.meeting, lambda update: None) as listener:
+        mesh.run(serve, [scene], "fusion", mesh.peer("standby"))
+        room = Room(mesh, scene)
+        until(lambda: {p: f.stage for p, f in listener.state.falls.items()} == {"left": "up", "right": "up"})
+        room.people = {LEFT: 0.0, RIGHT: 0.9}
+        until(lambda: listener.state.fall.stage == "fallen")
+        fallen = listener.state.fall
+        assert fallen.person == "right" and listener.state.falls["left"].stage == "up"
+        # Nobody sees them any more, for longer than who leaves is remembered; the other one walks about.
+        begun_ns = time.time_ns()
+        room.people = {LEFT: 0.0}
+        until(lambda: time.time_ns() - begun_ns > 3 * SECOND_NS and listener.state.judgement is not None)
+        assert listener.state.falls["right"].stage == "fallen"
+        room.people = {LEFT: 0.0, RIGHT: 0.0}
+        until(lambda: listener.state.falls["right"].stage == "up")
+        assert listener.state.falls["right"].id == fallen.id
+
+
+def test_an_observer_publishes_the_posture_of_each_person():
+    one, other = (fall(PEOPLE[0], 90, slow=False).recording.positions for _ in range(2))
+    matrix, sent = parse_view("door").matrix, Sent()
+    outlet = PostureOutlet(sent)
+    for n, positions in enumerate(other):
+        persons = tuple(
+            PersonTracks(number, project(matrix, body), 0.0, 0.0, 1.7) for number, body in ((3, one[0]), (5, positions))
+        )
+        tracks = Tracks(persons[0].centres, persons=persons)
+        outlet.show(Sighting(None, tracks, WHOLE_BODY, SECOND_NS + n * SECOND_NS // 30), 0)
+    last = sent.messages[-1]
+    assert last.people["3"] < 0.1 and last.people["5"] > 0.5 and last.lying == last.people["5"]

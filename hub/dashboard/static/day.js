@@ -37,7 +37,7 @@ function layLabels(labels) {
 }
 const whatIs = (row) => row.kind === "fall" ? "falls" : row.label === "abstain" ? "no agreement" : words(row.label);
 function what(row) {
-  if (row.kind === "fall") return row.ended === null ? "Somebody has fallen" : "Somebody fell, up again";
+  if (row.kind === "fall") return `${row.person || "Somebody"} ${row.ended === null ? "has fallen" : "fell, up again"}`;
   const label = (row.revises ? `${words(row.revises)} → ` : "") + whatIs(row);
   return ofPerson(row) + (row.repetitions ? `${label}, ${count(row.repetitions, "time")}` : label) + scoreWords(row);
 }

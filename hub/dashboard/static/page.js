@@ -78,7 +78,7 @@ function showFall(state) {
   hide($("fall"), !lies);
   if (!lies) return;
   mark($("fall"), "kind", fall.stage);
-  const [k, n] = fall.agreement, word = fall.stage === "fallen" ? "Somebody has fallen" : "Somebody lies";
+  const [k, n] = fall.agreement, who = fall.person || "Somebody", word = fall.stage === "fallen" ? `${who} has fallen` : `${who} lies`;
   const sight = n ? `${k} of ${count(n, "judge")} ${n === 1 ? "sees" : "see"} it` : "nobody is seen now";
   part($("fall"), [word, fall.since, k, n], () => [make("p", "verdict", word), make("p", "quiet", `since ${clock(fall.since)}, ${sight}`)]);
 }
