@@ -30,8 +30,7 @@ class CalibratedCamera:
     @property
     def matrix(self) -> Floats:
         """(3, 4) K [R | t]: metres to undistorted pixels; w is the depth in metres."""
-        result: Floats = self.K @ np.column_stack([self.R, self.t])
-        return result
+        return self.K @ np.column_stack([self.R, self.t])
 
     @property
     def lens(self) -> LensDistortion | None:
@@ -41,14 +40,12 @@ class CalibratedCamera:
     @property
     def position(self) -> Floats:
         """(3,) position of the camera in the room, metres."""
-        result: Floats = -self.R.T @ self.t
-        return result
+        return -self.R.T @ self.t
 
     def pixels(self, points: Floats) -> Floats:
         """(..., 3) metres -> (..., 2) pixels with distortion; NaN for points behind the camera."""
         normalised = distorted(project(np.column_stack([self.R, self.t]), points), self.distortion)
-        pixels: Floats = normalised @ self.K[:2, :2].T + self.K[:2, 2]
-        return pixels
+        return normalised @ self.K[:2, :2].T + self.K[:2, 2]
 
     def moved(self, R: Floats, t: Floats) -> "CalibratedCamera":
         """The same camera in a room whose points are X' = R X + t."""

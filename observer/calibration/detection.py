@@ -115,8 +115,7 @@ def _upright(gray: Gray, grid: Floats) -> Floats:
         grid = grid[:, ::-1]
     first, second = (grid[:2, n : n + 2].reshape(4, 2).mean(axis=0) for n in (0, 1))
     bright = [_brightness(gray, place) for place in (first, second)]
-    result: Floats = grid if bright[0] <= bright[1] else grid[::-1, ::-1]
-    return result
+    return grid if bright[0] <= bright[1] else grid[::-1, ::-1]
 
 
 def _brightness(gray: Gray, place: Floats) -> float:

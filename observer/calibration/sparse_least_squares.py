@@ -147,8 +147,7 @@ def _step(normal: "csr_array[np.float64]", downhill: Floats, damping: float) -> 
 
     # Keeps unknowns without influence in place: their rows would be zero.
     scale = np.maximum(normal.diagonal(), 1e-12)
-    step: Floats = spsolve(csc_array(normal + diags_array(damping * scale)), downhill)
-    return step
+    return spsolve(csc_array(normal + diags_array(damping * scale)), downhill)
 
 
 def _cost(residuals: Floats, soft: float) -> float:

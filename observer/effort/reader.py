@@ -157,8 +157,7 @@ def _hands_against_face(places: Floats) -> Floats:
     known = np.isfinite(hands)
     count = known.sum(axis=1)
     mean = np.where(count > 0, np.where(known, hands, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
-    against: Floats = mean - places[:, 2]
-    return against
+    return mean - places[:, 2]
 
 
 def _rate(values: Floats, rate_hz: float) -> float:

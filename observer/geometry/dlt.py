@@ -87,8 +87,7 @@ def _normaliser(points: Floats) -> Floats:
 
 
 def _homogeneous(points: Floats) -> Floats:
-    result: Floats = np.column_stack([points, np.ones(len(points))])
-    return result
+    return np.column_stack([points, np.ones(len(points))])
 
 
 def _design_vectors(points: Floats, image: Floats) -> Floats:
@@ -103,8 +102,7 @@ def _design_vectors(points: Floats, image: Floats) -> Floats:
     _, values, vectors = np.linalg.svd(np.vstack([rows_u, rows_v]), full_matrices=False)
     if values[10] < LEAST_SINGULAR_SHARE * values[0]:
         raise BadInput(f"{len(points)} points that fit more than one camera: spread them through the whole space")
-    directions: Floats = vectors
-    return directions
+    return vectors
 
 
 def _refined(vectors: Floats, points: Floats, image: Floats) -> Floats:
@@ -133,15 +131,13 @@ def _refined(vectors: Floats, points: Floats, image: Floats) -> Floats:
 def _image(matrix: Floats, points: Floats) -> Floats:
     """(d+1, e+1), (N, e) -> (N, d); unlike `project` also behind the camera, since the fit does not know the side."""
     image = _homogeneous(points) @ matrix.T
-    result: Floats = image[:, :-1] / image[:, -1:]
-    return result
+    return image[:, :-1] / image[:, -1:]
 
 
 def _in_metres(matrix: Floats) -> Floats:
     """The same camera with w the depth in metres: the third row becomes the unit viewing direction."""
     H = oriented(matrix)
-    result: Floats = H / np.linalg.norm(H[2, :3])
-    return result
+    return H / np.linalg.norm(H[2, :3])
 
 
 def _check_in_front(matrix: Floats, points_m: Floats) -> None:

@@ -151,8 +151,7 @@ class LensDistortion:
         return self._pixels(distorted((centres - K[:2, 2]) @ self._inverse.T, self.distortion))
 
     def _pixels(self, normalised: Floats) -> Floats:
-        result: Floats = normalised @ self.intrinsic_matrix[:2, :2].T + self.intrinsic_matrix[:2, 2]
-        return result
+        return normalised @ self.intrinsic_matrix[:2, :2].T + self.intrinsic_matrix[:2, 2]
 
 
 def check_intrinsic_matrix(K: Floats, where: str = "") -> None:
@@ -208,8 +207,7 @@ def _solved(a: Floats, b: Floats, c: Floats) -> Floats:
     across = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     x = c[..., 0] * b[..., 1] - c[..., 1] * b[..., 0]
     y = a[..., 0] * c[..., 1] - a[..., 1] * c[..., 0]
-    result: Floats = np.stack([x, y], axis=-1) / across[..., None]
-    return result
+    return np.stack([x, y], axis=-1) / across[..., None]
 
 
 def _whole(distortion: Floats) -> list[float]:

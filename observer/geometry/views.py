@@ -120,8 +120,7 @@ def turned(positions: NDArray[Real], angle_rad: float, about: NDArray[np.floatin
 
 def _mean(positions: NDArray[np.floating]) -> Floats:
     finite = positions[np.isfinite(positions).all(axis=-1)]
-    mean: Floats = finite.mean(axis=0, dtype=np.float64) if len(finite) else np.zeros(3)
-    return mean
+    return finite.mean(axis=0, dtype=np.float64) if len(finite) else np.zeros(3)
 
 
 def _parallel_view(name: str, yaw_deg: float, pitch_deg: float) -> View:

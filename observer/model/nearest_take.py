@@ -145,8 +145,7 @@ class NearestTakeWatch:
         """(M,) relative distance from the nearest take of each movement; inf while it cannot be compared."""
         nearest = np.full(len(self._takes.scales), np.inf)
         np.minimum.at(nearest, self._takes.movements, self.distances)
-        distances: Floats = nearest / self._takes.scales
-        return distances
+        return nearest / self._takes.scales
 
 
 def _representative(takes: Sequence[Example]) -> list[Example]:

@@ -147,15 +147,13 @@ def _sense(places: Sequence[Floats]) -> Floats:
     for each in places:
         low, high = each.min(axis=0), each.max(axis=0)
         beyond += ((low + high) - (each[0] + each[-1])) / np.maximum(high - low, SMALLEST)
-    result: Floats = np.where(beyond < 0, -1.0, 1.0)
-    return result
+    return np.where(beyond < 0, -1.0, 1.0)
 
 
 def _directions(cycles: Floats, lag: int) -> Floats:
     """(D, D) second moment of the directions in which postures (F, D) go to and fro once a period; its trace is 1."""
     wave = np.exp(-2j * np.pi * np.arange(len(cycles)) / lag) @ cycles
-    moment: Floats = np.outer(wave, wave.conj()).real / (float((np.abs(wave) ** 2).sum()) or 1.0)
-    return moment
+    return np.outer(wave, wave.conj()).real / (float((np.abs(wave) ** 2).sum()) or 1.0)
 
 
 def with_other_side(oscillation: Oscillation, body_parts: Sequence[str]) -> Oscillation:

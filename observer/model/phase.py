@@ -206,8 +206,7 @@ def step_probabilities(share: float) -> Floats:
         once = part * np.array(STEP_SHARES)
         once[0] += 1 - part
         steps = np.convolve(steps, once)
-    result: Floats = steps
-    return result
+    return steps
 
 
 def chain_dynamics(parameters: Mapping[str, float], share: float, onset_known: bool) -> Dynamics:

@@ -35,8 +35,7 @@ class PosteriorCalibration:
         cells = posterior.ravel()
         with np.errstate(divide="ignore"):
             tempered = softmax(np.log(cells) / self.temperature)
-        calibrated: Floats = ((1 - self.doubt) * tempered + self.doubt / len(cells)).reshape(posterior.shape)
-        return calibrated
+        return ((1 - self.doubt) * tempered + self.doubt / len(cells)).reshape(posterior.shape)
 
 
 CAUTIOUS = PosteriorCalibration(temperature=1.3, doubt=0.12)

@@ -118,5 +118,4 @@ def _of_rows(axes: Floats) -> Floats:
     """(A, 2 P) axes of postures -> (A, 2 P + 3) the same of rows of a trace."""
     up = axes[:, 1::2].sum(axis=1, keepdims=True)
     none = np.zeros_like(up)
-    result: Floats = np.concatenate([axes, none, up, none], axis=1)
-    return result
+    return np.concatenate([axes, none, up, none], axis=1)

@@ -157,8 +157,7 @@ def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> 
     most = np.log2(min(channels, MOST_CHANNELS) + 1)
     counts = (2 ** rng.uniform(0, most, (dilations, len(KERNELS)))).astype(np.int64)
     ranks = rng.random((dilations, len(KERNELS), channels)).argsort(axis=2).argsort(axis=2)
-    chosen: NDArray[np.bool_] = ranks < counts[:, :, None]
-    return chosen
+    return ranks < counts[:, :, None]
 
 
 def convolve(windows: NDArray[np.floating], channels: NDArray[np.floating], dilation: int) -> Floats32:

@@ -54,8 +54,7 @@ class ProjectedPeople:
         depth, px = _depths(H, own, axis[known].mean(axis=0))
         behind = depth > 0
         near = _distance_to(centres, places[known]) < TRUNK_M * px
-        result: np.ndarray = behind & near
-        return result
+        return behind & near
 
 
 def _depths(H: Floats, points: Floats, at: Floats) -> tuple[Floats, float]:

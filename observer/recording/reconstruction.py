@@ -219,5 +219,4 @@ def performer_axes(up: str, front: str) -> Floats:
 
 def to_performer_axes(positions: NDArray[np.floating], up: str = UP, front: str = FRONT) -> Floats:
     """(..., 3) metres in the room -> (..., 3) in the performer's axes; raises BadInput as `performer_axes` does."""
-    result: Floats = positions @ performer_axes(up, front).T
-    return result
+    return positions @ performer_axes(up, front).T

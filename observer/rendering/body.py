@@ -168,14 +168,12 @@ def _joint(start: Floats, end: Floats, first: float, second: float, pole: Floats
     distance = float(np.linalg.norm(line))
     aim = _unit(line, np.array([0.0, -1.0, 0.0]))
     if distance >= first + second:
-        middle: Floats = start + line * (first / (first + second))
-        return middle
+        return start + line * (first / (first + second))
     distance = max(distance, abs(first - second) + 1e-6)
     along = (first**2 - second**2 + distance**2) / (2 * distance)
     aside = math.sqrt(max(first**2 - along**2, 0.0))
     side = _unit(pole - (pole @ aim) * aim, np.array([0.0, 0.0, -1.0]))
-    joint: Floats = start + along * aim + aside * side
-    return joint
+    return start + along * aim + aside * side
 
 
 def _unit(vector: Floats, otherwise: Floats) -> Floats:

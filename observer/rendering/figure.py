@@ -91,8 +91,7 @@ def _light(surface: Sequence[Plane], axes: Floats, inward: Floats) -> Plane:
     normal = [sum(float(gradient[i, j]) * surface[j] for j in range(3)) for i in range(3)]
     length = np.sqrt(sum(n * n for n in normal)) + 1e-6
     facing = -sum(float(s) * n for s, n in zip(sight, normal, strict=True)) / length
-    shade: Plane = (0.68 + 0.28 * np.maximum(facing, 0.0) + 0.12 * normal[1] / length).astype(np.float32)
-    return shade
+    return (0.68 + 0.28 * np.maximum(facing, 0.0) + 0.12 * normal[1] / length).astype(np.float32)
 
 
 def _hairline(z: Plane) -> Plane:
@@ -113,8 +112,7 @@ def _features(x: Plane, y: Plane, z: Plane) -> tuple[Plane, Plane]:
 
 def _spot(x: NDArray[np.floating], y: NDArray[np.floating], half_width: float, half_height: float) -> Plane:
     """1 in the middle, about half at the rim of an ellipse, 0 far outside."""
-    spot: Plane = np.exp(-0.7 * ((x / half_width) ** 2 + (y / half_height) ** 2)).astype(np.float32)
-    return spot
+    return np.exp(-0.7 * ((x / half_width) ** 2 + (y / half_height) ** 2)).astype(np.float32)
 
 
 HEAD_SEMI_AXES = (0.078, 0.115, 0.096)

@@ -38,8 +38,7 @@ class Truth:
 
     def visible(self, share: float = 0.3) -> NDArray[np.bool_]:
         """(P,) whether at least that share of each part is visible."""
-        enough: NDArray[np.bool_] = self.shares >= share
-        return enough
+        return self.shares >= share
 
 
 class Renderer:

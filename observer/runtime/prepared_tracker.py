@@ -127,8 +127,7 @@ class PreparedTracker:
         return centres * self._scale if lens is None else lens.undistorted(centres * self._scale)
 
     def _wanted(self, rows: Floats) -> Floats:
-        wanted: Floats = (np.concatenate([rows, NEVER_SEEN]) if self.lacking else rows)[self._rows]
-        return wanted
+        return (np.concatenate([rows, NEVER_SEEN]) if self.lacking else rows)[self._rows]
 
 
 def lacking_parts(lacking: Sequence[str], tracked: Sequence[str]) -> str:

@@ -93,8 +93,7 @@ def _curved(before: Sight, previous: Sight, newest: Sight, instant_ns: int) -> F
         + previous[1] * (t0 * t2 / ((t1 - t0) * (t1 - t2)))
         + newest[1] * (t0 * t1 / ((t2 - t0) * (t2 - t1)))
     )
-    centres: Floats = np.where(np.isfinite(parabola), parabola, _interpolate(previous, newest, instant_ns, True))
-    return centres
+    return np.where(np.isfinite(parabola), parabola, _interpolate(previous, newest, instant_ns, True))
 
 
 def _interpolate(previous: Sight, newest: Sight, instant_ns: int, bridged: bool) -> Floats:
@@ -103,5 +102,4 @@ def _interpolate(previous: Sight, newest: Sight, instant_ns: int, bridged: bool)
         return newest[1] if share >= 1 else np.full_like(newest[1], np.nan)
     nearer = newest[1] if share > 0.5 else previous[1]
     mixed = (1 - share) * previous[1] + share * newest[1]
-    centres: Floats = np.where(np.isfinite(mixed), mixed, nearer)
-    return centres
+    return np.where(np.isfinite(mixed), mixed, nearer)

@@ -41,17 +41,11 @@ def deviations(
     axes = [by_axis[part] for limb in limbs for part in limb.parts]
     longer = abs(np.log(len(performance) / len(take)))
     order = np.abs(own / max(len(performance) - 1, 1) - shown / max(len(take) - 1, 1)).mean()
-    result: Floats = np.concatenate(
-        [sizes, np.ravel(axes), np.abs(ranges[0] - ranges[1]), paths, fast, [longer, order]]
-    )
-    return result
+    return np.concatenate([sizes, np.ravel(axes), np.abs(ranges[0] - ranges[1]), paths, fast, [longer, order]])
 
 
 def _log_ratio(one: Floats | float, other: Floats | float) -> Floats:
-    ratio: Floats = np.abs(
-        np.log((np.asarray(one, np.float64) + SMALL_MOVE) / (np.asarray(other, np.float64) + SMALL_MOVE))
-    )
-    return ratio
+    return np.abs(np.log((np.asarray(one, np.float64) + SMALL_MOVE) / (np.asarray(other, np.float64) + SMALL_MOVE)))
 
 
 def columns_of(limbs: Sequence[Limb], joints: Sequence[LimbJoint]) -> list[tuple[str, str]]:

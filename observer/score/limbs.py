@@ -61,8 +61,7 @@ def joints_of(body_parts: Sequence[str]) -> tuple[LimbJoint, ...]:
 def places_of(trace: Floats32) -> Floats32:
     """(F, 2 P + 3) trace -> (F, P, 2) where each part is, from where the body was in the first frame; body sizes."""
     path = trace[:, None, -3:-1] - trace[0, -3:-1]
-    places: Floats32 = (trace[:, :-3].reshape(len(trace), -1, 2) + path).astype(np.float32)
-    return places
+    return (trace[:, :-3].reshape(len(trace), -1, 2) + path).astype(np.float32)
 
 
 def angles_of(places: Floats32, joints: Sequence[LimbJoint]) -> Floats:

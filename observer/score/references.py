@@ -151,8 +151,7 @@ class ReferenceTakes:
 
     def _spreads(self, row: Floats) -> Floats:
         """Deviations in spreads of the references; less than usual is no merit."""
-        spreads: Floats = np.maximum((row - self.spread.usual) / self.spread.spread, 0.0)
-        return spreads
+        return np.maximum((row - self.spread.usual) / self.spread.spread, 0.0)
 
     def _score(self, badness: float) -> float:
         return float(BEST * HALF ** max(badness - self.spread.typical, 0.0))

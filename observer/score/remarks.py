@@ -65,8 +65,7 @@ class Band:
     @property
     def spreads(self) -> Floats:
         """(POINTS, J) how many deviations the performance is above the references, at least LEAST_DEGREES each."""
-        apart: Floats = (self.own - self.mean) / np.maximum(self.deviation, LEAST_DEGREES)
-        return apart
+        return (self.own - self.mean) / np.maximum(self.deviation, LEAST_DEGREES)
 
 
 def _means(place: Integers, values: Floats) -> Floats:
@@ -74,8 +73,7 @@ def _means(place: Integers, values: Floats) -> Floats:
     sums, counts = np.zeros((POINTS, values.shape[1])), np.bincount(place, minlength=POINTS)
     np.add.at(sums, place, values)
     known = np.maximum.accumulate(np.where(counts > 0, np.arange(POINTS), 0))
-    means: Floats = sums[known] / np.maximum(counts[known], 1)[:, None]
-    return means
+    return sums[known] / np.maximum(counts[known], 1)[:, None]
 
 
 def _strength(band: Band) -> Floats:

@@ -187,8 +187,7 @@ class BackProjection:
         return [self._outside(p) for p in blobs(back, smallest / self.step**2, largest / self.step**2)]
 
     def _inside(self, centre: Floats) -> Floats:
-        inside: Floats = (centre + 0.5) / self.step - 0.5 - self.region.origin
-        return inside
+        return (centre + 0.5) / self.step - 0.5 - self.region.origin
 
     def _outside(self, patch: SkinPatch) -> SkinPatch:
         half = float(np.sqrt(patch.area)) / 2

@@ -147,8 +147,7 @@ def read_pose(landmarks: Floats, size_px: tuple[int, int], rows: Sequence[Sequen
 
 
 def _where(chosen: NDArray[np.bool_], centres: Floats) -> Floats:
-    result: Floats = np.where(chosen[:, None], centres, np.nan)
-    return result
+    return np.where(chosen[:, None], centres, np.nan)
 
 
 @contextmanager

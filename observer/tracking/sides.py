@@ -137,8 +137,7 @@ class SideKeeper:
         order = EXCHANGED if self._exchanged else np.arange(33)
         order = self._with_limbs(points, memory, order)
         memory.follow(points[order], size, ms, seconds)
-        mended: Floats = landmarks[order]
-        return mended
+        return landmarks[order]
 
     def _is_whole_exchanged(self, differences: Floats, memory: _Memory) -> bool:
         """By the trunk, or where that does not tell, in profile, by the limbs too; else as so far."""
@@ -168,8 +167,7 @@ class SideKeeper:
 
 
 def _differences(points: Floats) -> Floats:
-    differences: Floats = points[_LEFT] - points[_RIGHT]
-    return differences
+    return points[_LEFT] - points[_RIGHT]
 
 
 def _middle(points: Floats) -> Floats:

@@ -49,8 +49,7 @@ def counts(hsv: Picture, mask: Picture) -> Picture:
 
 def _frequencies(hsv: Picture, mask: Picture) -> Floats:
     smooth = cv2.GaussianBlur(counts(hsv, mask), (5, 5), 1.0, borderType=cv2.BORDER_REPLICATE)
-    frequencies: Floats = smooth.astype(np.float64) / max(float(smooth.sum(dtype=np.float64)), 1e-9)
-    return frequencies
+    return smooth.astype(np.float64) / max(float(smooth.sum(dtype=np.float64)), 1e-9)
 
 
 def _likely(skin: Floats, rest: Floats) -> Floats:
@@ -58,8 +57,7 @@ def _likely(skin: Floats, rest: Floats) -> Floats:
     even, rare = (skin / (skin + times * rest + SEEN_ONCE) for times in (1.0, RARER))
     before, after = (float(rest[likely >= LIKELY].sum()) for likely in (even, rare))
     separates = after < before / 2 and float(skin[rare >= LIKELY].sum()) > 0.5
-    likely: Floats = rare if before > COMMON and separates else even
-    return likely
+    return rare if before > COMMON and separates else even
 
 
 def _table(skin: Floats, rest: Floats) -> Picture:
