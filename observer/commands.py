@@ -130,12 +130,12 @@ def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "
     if inputs.keeps_all or not inputs.pictures:
         return MeteredObserver(observer, LoadMeter("frames", LIGHTEN))
     # Imported on use: it needs OpenCV.
-    from observer.runtime.paced_observer import Heartbeats, PacedObserver
+    from observer.runtime.paced_observer import PacedObserver
     from observer.runtime.pacing import PaceLimits, TrackingPace
 
     section = scene.observer(observer_id)
     pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
-    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion), LoadMeter("pictures", LIGHTEN))
+    return PacedObserver(observer, inputs.tracker, pace, scene.fusion, LoadMeter("pictures", LIGHTEN))
 
 
 def _preview_in(scene: "Scene", observer: str) -> str:

@@ -157,11 +157,11 @@ def examples_from(
     for n, performance in enumerate(wrong):
         for name, recorder in recorders.items():
             try:
-                cut = corrections.example_of(recorder, _span(performance), label=performance.label, subject=SOMEONE)
+                cut, _ = corrections.example_of(recorder, _span(performance), label=performance.label, subject=SOMEONE)
             except BadInput:
                 failed += 1
                 continue
-            result[name].append(replace(cut.recording, trial=f"corrected {name_of_evening}.{n}"))
+            result[name].append(replace(cut, trial=f"corrected {name_of_evening}.{n}"))
     return result, failed
 
 

@@ -125,11 +125,11 @@ def _positions(recording: Recording, i: int, _number: int) -> NDArray[Any]:
 class RecordedMotion:
     """A FrameSource that plays recordings one after the other, as `FramePlayer` does, never ahead of time.
 
-    Frame i is captured at start + i / rate / speed; start is `start_ns`, or now. The last frame of a recording, with
-    which a movement ends, is skipped only when the recording after it is over too.
+    body_parts: rows of `Frame.content`. Frame i is captured at start + i / rate / speed; start is `start_ns`, or now.
+    The last frame of a recording, with which a movement ends, is skipped only when the recording after it is over too.
     """
 
-    archive_parts: tuple[str, ...]
+    body_parts: tuple[str, ...]
     recordings: Sequence[Recording]
     speed: float = 1.0
     loop: bool = False
@@ -146,11 +146,6 @@ class RecordedMotion:
     def rate_hz(self) -> float:
         """Frames per second of motion, of the first recording."""
         return self.recordings[0].rate_hz
-
-    @property
-    def body_parts(self) -> tuple[str, ...]:
-        """The archive's body parts, rows of `Frame.content`."""
-        return self.archive_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each frame when it is due; ends soon after `stop` is set."""

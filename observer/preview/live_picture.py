@@ -29,6 +29,3 @@ class LivePicture:
         jpeg, (width, height) = encode_jpeg(small_picture(sighting, PICTURE_SIDE_PX), self._limit)
         message = PictureMessage(captured_ns=sighting.captured_ns, width=width, height=height, jpeg=jpeg)
         self._publisher.put(encode(message))
-
-    def close(self) -> None:
-        """Nothing to complete: each picture is."""

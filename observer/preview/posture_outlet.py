@@ -67,9 +67,6 @@ class PostureOutlet:
             )
             self._publisher.put(encode(message))
 
-    def close(self) -> None:
-        """Nothing to complete."""
-
     def _lying(self, people: Mapping[str, Floats], sighting: Sighting) -> dict[str, float]:
         """P(lying) of those who are seen well enough, by track."""
         self._readers = {

@@ -41,9 +41,6 @@ class PictureOutlet(Protocol):
     def show(self, sighting: Sighting, now_ns: int) -> None:
         """Take one picture; raises LabanmeshError when it can take no more."""
 
-    def close(self) -> None:
-        """Complete what is not complete."""
-
 
 @contextmanager
 def shown_pictures(
@@ -52,6 +49,7 @@ def shown_pictures(
     """The observer, with the outlets that its section switches on; the observer itself if there are none."""
     section, keys = scene.observer(observer_id), scene.keys
     outlets: list[PictureOutlet] = []
+    closing = ExitStack()
     if section.picture_hz:
         publisher = link.publisher(keys.picture(observer_id), priority="low")
         outlets.append(LivePicture(publisher, section.picture_hz))
@@ -60,16 +58,16 @@ def shown_pictures(
     if clips.folder:
         folder = ClipFolder(scene.place(clips.folder), clips.keep_days, clips.keep_mb)
         arrived = link.inbox(keys.verdict, keys.fusion_status())
-        outlets.append(VerdictClips(arrived, folder, observer_id, clips.seconds, lambda: observer.vocabulary))
+        written = VerdictClips(arrived, folder, observer_id, clips.seconds, lambda: observer.vocabulary)
+        outlets.append(written)
+        closing.callback(written.close)
         log.info("%s: a clip of each verdict in %s", observer_id, folder.path)
     if scene.watch.fallen is not None:
         posture = PostureOutlet(
             link.publisher(keys.posture(observer_id)), scene.watch.fallen.leave_out.get(observer_id, ())
         )
         outlets.append(posture)
-    with ExitStack() as stack:
-        for outlet in outlets:
-            stack.callback(outlet.close)
+    with closing:
         yield PicturedObserver(observer, tracker, outlets) if outlets else observer
 
 

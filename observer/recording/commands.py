@@ -201,7 +201,7 @@ def _recorded(
     """A recording for the archive `before`, its body parts, and lines about its quality."""
     from common.config import read_scene
     from observer.recording.capture import open_cameras, read_cameras
-    from observer.recording.new_recording import RecordingOptions, build_recording, with_trial
+    from observer.recording.new_recording import build_recording, with_trial
 
     seconds, observers = options.seconds, split_list("--observers", options.observers)
     with ProgressBar() as bar:
@@ -214,10 +214,10 @@ def _recorded(
             f"recording {blank.label or 'other motion'} by {blank.subject}, trial {blank.trial}, with {names}, {until}"
         )
         tracks = read_cameras(cameras, stop, seconds, _progress(bar, seconds))
-        axes_and_gate = RecordingOptions(options.gate, options.up, options.front, options.trim)
         recording, lines = build_recording(
-            tracks, parts, blank, axes_and_gate, lambda done, total: bar("triangulating", done, total)
-        )
+            tracks, parts, blank, lambda done, total: bar("triangulating", done, total),
+            gate_px=options.gate, up=options.up, front=options.front, trim=options.trim,
+        )  # fmt: skip
         return recording, parts, lines
 
 

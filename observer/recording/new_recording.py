@@ -1,7 +1,7 @@
 """One new recording of a motion archive: its name, its positions and a report of their quality; pure."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -61,37 +61,29 @@ def appended(archive: MotionArchive | None, body_parts: tuple[str, ...], recordi
     return MotionArchive(body_parts, (*(archive.recordings if archive else ()), recording))
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingOptions:
-    """gate_px: largest reprojection error of an inlier, None: as `reconstruct_parts`. up, front: axes of the room.
-
-    trim: cut off the idle ends.
-    """
-
-    gate_px: float | None = None
-    up: str = UP
-    front: str = FRONT
-    trim: bool = False
-
-
 def build_recording(
     tracks: Sequence[CameraTracks],
     body_parts: Sequence[str],
     blank: Recording,
-    options: RecordingOptions,
     progress: Progress = lambda *_: None,
+    *,
+    gate_px: float | None = None,
+    up: str = UP,
+    front: str = FRONT,
+    trim: bool = False,
 ) -> tuple[Recording, list[str]]:
     """`blank` with triangulated positions at its own rate, and lines about their quality.
 
+    gate_px: as `reconstruct_parts` has it. up, front: axes of the room. trim: cut off the idle ends.
     Raises BadInput when the cameras have no common time, and NothingRecorded when no position was found.
     """
     each = max(1, round(camera_rate_hz(tracks) / blank.rate_hz))
     rate_hz = each * blank.rate_hz
-    reconstructed = reconstruct_parts(tracks, body_parts, rate_hz, options.gate_px, progress)
+    reconstructed = reconstruct_parts(tracks, body_parts, rate_hz, gate_px, progress)
     result = reconstructed.result
     positions = fill_gaps(remove_spikes(result.positions, rate_hz), rate_hz)
     positions = smoothed(positions, rate_hz, noise_m(reconstructed.matrices, result))[::each]
-    positions = to_performer_axes(positions, options.up, options.front)
+    positions = to_performer_axes(positions, up, front)
     lines = quality_lines(reconstructed.cameras, body_parts, result, positions)
     lines += exchange_lines(reconstructed)
     lines += [f"{camera.name}: delivered no picture" for camera in tracks if not len(camera.at_ns)]
@@ -101,7 +93,7 @@ def build_recording(
         )
     if np.isfinite(positions[:, _needed(body_parts)]).all(axis=(1, 2)).mean() < LITTLE_KNOWN_SHARE:
         lines += visibility_lines(tracks, body_parts, result)
-    if options.trim:
+    if trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
         positions = positions[slice(*moving_span(positions, hands, blank.rate_hz))]
     return replace(blank, positions=positions.astype(np.float32)), lines

@@ -194,7 +194,7 @@ class VirtualCamera:
 
     def renderer(self, recording: Recording) -> Renderer:
         """The renderer of a recording; it gives the ground truth for the same positions and frame numbers."""
-        standing = stature(recording.positions[:, _rows_of(self.motion.archive_parts)])
+        standing = stature(recording.positions[:, _rows_of(self.motion.body_parts)])
         matrix = aimed_matrix(self.view, standing, self.size_px)
         appearance = appearance_of(zlib.crc32(recording.subject.encode()))
         return Renderer(matrix, self.size_px, self.scenery, self.seed, appearance, standing)
@@ -214,7 +214,7 @@ class _Filming:
     """Renders the frames of one playback."""
 
     def __init__(self, camera: VirtualCamera) -> None:
-        self._camera, self._order = camera, _rows_of(camera.motion.archive_parts)
+        self._camera, self._order = camera, _rows_of(camera.motion.body_parts)
         self._recording: Recording | None = None
 
     def picture(self, recording: Recording, i: int, number: int) -> Picture:

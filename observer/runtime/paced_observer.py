@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -31,19 +31,6 @@ RESTING_RUNS = 4
 HEARTBEAT, EMPTY_HEARTBEAT = 0.45, 0.2
 """Posteriors are repeated after this share of fresh_s, so that they stay fresh, and when nobody is there, after this
 share of drop_s: an observer that sees nobody has no posterior to keep fresh, and must only not seem dead."""
-
-
-@dataclass(frozen=True, slots=True)
-class Heartbeats:
-    """Seconds after which a posterior is repeated: of a person at rest, and of an empty room."""
-
-    rest_s: float
-    empty_s: float
-
-    @classmethod
-    def of(cls, fusion: FusionConfig) -> "Heartbeats":
-        """Those that suit the fusion service."""
-        return cls(HEARTBEAT * fusion.fresh_s, EMPTY_HEARTBEAT * fusion.drop_s)
 
 
 class HeldTracker:
@@ -90,9 +77,9 @@ class HeldTracker:
 class PacedObserver(MeteredObserver):
     """An `ObserverLike` that skips pictures, which then have no posterior.
 
-    prepared: the tracker that `observer` steps. While nobody moves and the pictures do not change, the observer is
-    stepped with the last tracks as a heartbeat: they are as true of the newest picture as of the one that they were
-    found in.
+    prepared: the tracker that `observer` steps. fusion: which posteriors stay fresh. While nobody moves and the
+    pictures do not change, the observer is stepped with the last tracks as a heartbeat: they are as true of the newest
+    picture as of the one that they were found in.
     """
 
     def __init__(
@@ -100,12 +87,12 @@ class PacedObserver(MeteredObserver):
         observer: ObserverLike,
         prepared: "PreparedTracker",
         pace: TrackingPace,
-        heartbeats: Heartbeats,
+        fusion: FusionConfig,
         meter: LoadMeter,
         cpu_s: Callable[[], float] = time.process_time,
     ) -> None:
         super().__init__(observer, meter)
-        self._prepared, self._pace, self._heartbeats = prepared, pace, heartbeats
+        self._prepared, self._pace, self._fusion = prepared, pace, fusion
         prepared.tracker = self._held = HeldTracker(prepared.tracker, cpu_s)
         self._gate, self._skipped = MotionGate(), False
         self._compared_ns = self._stepped_ns = self._lost = 0
@@ -143,7 +130,8 @@ class PacedObserver(MeteredObserver):
         return self._gate.update(cells_of(frame.content), frame.captured_ns)
 
     def _heartbeat_due(self, at_ns: int) -> bool:
-        heartbeat_s = self._heartbeats.empty_s if self._pace.empty else self._heartbeats.rest_s
+        fusion = self._fusion
+        heartbeat_s = EMPTY_HEARTBEAT * fusion.drop_s if self._pace.empty else HEARTBEAT * fusion.fresh_s
         return not 0 <= at_ns - self._stepped_ns < heartbeat_s * SECOND_NS
 
 

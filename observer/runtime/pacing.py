@@ -58,17 +58,14 @@ class TrackingPace:
         self._someone_ns: int | None = None
         self._moved_ns: int | None = None
         self._due_ns, self._before_ns, self._period_ns = 0, 0, 0.0
-        self._fruitless, self._still, self._empty = 0, False, False
+        self._fruitless, self._still = 0, False
+        self.empty = False
+        """Whether the tracker has found nobody for NOBODY_S."""
 
     @property
     def confirmed_quiet(self) -> bool:
         """Whether by the tracker's last run nobody moves: the person is still, or nobody has been there for long."""
-        return self._still or self._empty
-
-    @property
-    def empty(self) -> bool:
-        """Whether the tracker has found nobody for NOBODY_S."""
-        return self._empty
+        return self._still or self.empty
 
     def quiet(self, at_ns: int) -> bool:
         """Whether nobody moves and nothing has changed for HOLD_S: the last tracks are valid for this picture too."""
@@ -101,14 +98,14 @@ class TrackingPace:
     def ran(self, at_ns: int, tracks: Tracks, cost_s: float) -> None:
         """The tracker was run on this picture, and took so many CPU seconds."""
         self._ran_ns = at_ns
-        was_empty = self._empty and self.quiet(at_ns)
+        was_empty = self.empty and self.quiet(at_ns)
         (self._empty_costs if was_empty else self._costs).append(max(cost_s, 1e-6))
         someone = bool(tracks.visible.any()) or (tracks.guesses is not None and bool(np.isfinite(tracks.guesses).any()))
         if someone or self._someone_ns is None or at_ns < self._someone_ns:
             self._someone_ns = at_ns
         lost = at_ns - self._someone_ns >= LOST_S * SECOND_NS
         self._fruitless = self._fruitless + 1 if lost else 0
-        self._empty = at_ns - self._someone_ns >= NOBODY_S * SECOND_NS
+        self.empty = at_ns - self._someone_ns >= NOBODY_S * SECOND_NS
         self._still = someone and self._stays(at_ns, tracks.centres)
         interval_ns = SECOND_NS / self.rate_hz(at_ns)
         # Runs keep their average rate although pictures come when they come.
@@ -120,7 +117,7 @@ class TrackingPace:
         active_hz = self._limits.max_hz or _within(ACTIVE_SHARE, cost_s)
         idle_hz = min(self._limits.idle_hz or max(_within(REST_SHARE, cost_s), LEAST_IDLE_HZ), active_hz)
         if self.quiet(at_ns):
-            if not self._empty:
+            if not self.empty:
                 return idle_hz
             empty_s = median(self._empty_costs) if self._empty_costs else cost_s
             return min(max(min(_within(EMPTY_SHARE, empty_s), MOST_EMPTY_HZ), LEAST_EMPTY_HZ), idle_hz)

@@ -146,20 +146,11 @@ class PosteriorEncoder:
     """
 
     def __init__(self, vocabulary: Vocabulary | None, session: str, directed: bool = True) -> None:
-        """vocabulary: None while the observer has no model and thus no posteriors."""
         self._session, self._directed = session, directed
         self.vocabulary = vocabulary
+        """That of the next posterior; None while the observer has no model and thus no posteriors."""
         self.seq = 0
-
-    @property
-    def vocabulary(self) -> Vocabulary | None:
-        """The vocabulary of the next posterior; it may be changed between two of them."""
-        return self._vocabulary
-
-    @vocabulary.setter
-    def vocabulary(self, vocabulary: Vocabulary | None) -> None:
-        self._vocabulary = vocabulary
-        self._hash = VocabularyHash(hash="" if vocabulary is None else vocabulary.digest)
+        """Number of messages so far."""
 
     def encode(self, posterior: Posterior, captured_ns: int, now_ns: int) -> PosteriorMessage:
         """The posterior of the frame captured at `captured_ns` as a message, which clamps round-off."""
@@ -171,7 +162,7 @@ class PosteriorEncoder:
             session=self._session,
             captured_ns=captured_ns,
             sent_ns=now_ns,
-            vocabulary=self._hash,
+            vocabulary=VocabularyHash(hash="" if self.vocabulary is None else self.vocabulary.digest),
             p=posterior.p.tolist(),
             rest=posterior.rest,
             unlearned=posterior.unlearned,

@@ -66,13 +66,10 @@ class HealthReporter:
     def __init__(self) -> None:
         self.note = ""
         self._report: ReportState | None = None
-        self._fault, self._complaint, self._started = "", "", False
-        self._reported: tuple[ProcessState, str] | None = None
-
-    @property
-    def complaint(self) -> str:
+        self.complaint = ""
         """The observer's last complaint; "" if all is well."""
-        return self._complaint
+        self._fault, self._started = "", False
+        self._reported: tuple[ProcessState, str] | None = None
 
     def report_to(self, report: ReportState) -> None:
         """From now on call `report(state, reason)` on each change, in the thread that caused it."""
@@ -86,11 +83,11 @@ class HealthReporter:
 
     def record_frame(self, complaint: str) -> None:
         """A frame was processed; complaint: as `ObserverLike.complaint`."""
-        self._started, self._complaint = True, complaint
+        self._started, self.complaint = True, complaint
         self._report_change()
 
     def _report_change(self) -> None:
-        reason = self._fault or self._complaint
+        reason = self._fault or self.complaint
         if self._report is None or not (reason or self._started):
             return
         current: tuple[ProcessState, str] = ("degraded", reason) if reason else ("running", self.note)
@@ -244,8 +241,8 @@ def _state_report(status: StatusPublisher, health: HealthReporter, observer_id: 
     return report
 
 
-class PosteriorPublisher:
-    """Publishes posteriors on the mesh; directed: see PosteriorEncoder; on_change: None to send each one."""
+class PosteriorPublisher(PosteriorEncoder):
+    """Publishes posteriors on the mesh; on_change: None to send each one."""
 
     def __init__(
         self,
@@ -254,25 +251,15 @@ class PosteriorPublisher:
         directed: bool = True,
         on_change: SendOnChange | None = None,
     ) -> None:
-        self._encoder = PosteriorEncoder(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
+        super().__init__(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
         self._publisher, self._on_change = publisher, on_change
-
-    @property
-    def vocabulary(self) -> Vocabulary | None:
-        """The vocabulary of the posteriors; None while the observer has no model."""
-        return self._encoder.vocabulary
 
     def follow(self, vocabulary: Vocabulary | None) -> None:
         """The next posterior is in this vocabulary; if it is another one, it is sent in any case."""
-        if vocabulary is not self._encoder.vocabulary:
-            self._encoder.vocabulary = vocabulary
+        if vocabulary is not self.vocabulary:
+            self.vocabulary = vocabulary
             if self._on_change is not None:
                 self._on_change.forget()
-
-    @property
-    def seq(self) -> int:
-        """Number of posteriors sent."""
-        return self._encoder.seq
 
     def publish(self, posterior: Posterior, captured_ns: int, now_ns: int) -> bool:
         """Send the posterior of the frame captured at `captured_ns`, unless it hardly changed; whether it was sent."""
@@ -281,7 +268,7 @@ class PosteriorPublisher:
         if self._on_change is not None and is_alone and not self._on_change.should_send(posterior, captured_ns):
             return False
         for each in (posterior, *posterior.others):
-            self._publisher.put(encode(self._encoder.encode(each, captured_ns, now_ns)))
+            self._publisher.put(encode(self.encode(each, captured_ns, now_ns)))
         return True
 
 

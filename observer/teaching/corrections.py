@@ -5,6 +5,7 @@ began to move to where they stood still again, as a take does. Spans are cut in 
 """
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,11 @@ from common.teaching_messages import CorrectedReport, TeachRequest, only_person
 from observer.motion.archive import Recording
 from observer.recording.own_tracks import MARGIN_S, TracksRecorder, in_parts, watched_parts
 from observer.stillness import Stillness
-from observer.teaching.interfaces import Takes
 from observer.teaching.take_recorder import SHORTEST_S
 from observer.tracks import Tracks
+
+if TYPE_CHECKING:
+    from observer.teaching.takes_file import TakesFile
 
 STILLNESS_LEAD_S = 6.0
 """Stillness is computed from this long before a span on, because it first has to measure the tracker's noise."""
@@ -39,18 +42,10 @@ class CapturedSpan:
     end_ns: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class CutExample:
-    """A recording, and when it was captured."""
-
-    recording: Recording
-    span: CapturedSpan
-
-
 class Corrector:
     """Writes examples; `recorder` remembers the tracks that they are cut out of. Not thread-safe."""
 
-    def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
+    def __init__(self, recorder: TracksRecorder, takes: "TakesFile") -> None:
         self._recorder, self._takes = recorder, takes
         self._done: dict[str, _Correction] = {}
 
@@ -64,8 +59,7 @@ class Corrector:
         if earlier is not None and (earlier.report.label, earlier.person) == (request.label, person):
             return earlier.report
         span = CapturedSpan(request.from_ns, request.to_ns or None)
-        example = example_of(self._recorder, span, label=request.label, subject=person)
-        recording, times = example.recording, example.span
+        recording, times = example_of(self._recorder, span, label=request.label, subject=person)
         number = self._takes.free_take(request.label) if request.label else f"corrected {times.begin_ns}"
         report = CorrectedReport(
             id=request.correction, label=request.label, from_ns=times.begin_ns, to_ns=times.end_ns or 0,
@@ -101,8 +95,10 @@ class _Correction:
     person: str
 
 
-def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subject: str) -> CutExample:
-    """The remembered tracks of a span as an example of `label`; "": of something else.
+def example_of(
+    recorder: TracksRecorder, span: CapturedSpan, *, label: str, subject: str
+) -> tuple[Recording, CapturedSpan]:
+    """The remembered tracks of a span as an example of `label` ("": of something else), and when it was captured.
 
     Raises BadInput, one line, if the recorder remembers nothing of the span, nobody was seen, or nobody moved.
     """
@@ -130,7 +126,7 @@ def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subj
     if not np.isfinite(recording.positions).any():
         raise BadInput("saw nobody then")
     times = [recorder.captured_ns_of(first_ns + round(n / around.rate_hz * SECOND_NS)) for n in (begin, end)]
-    return CutExample(recording, CapturedSpan(times[0], times[1]))
+    return recording, CapturedSpan(times[0], times[1])
 
 
 def _require_remembered(recorder: TracksRecorder, span: CapturedSpan) -> None:

@@ -8,16 +8,19 @@ Times are those of frames, in ns.
 """
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import SOMEONE, TEACHING_TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
 from observer.recording.own_tracks import TracksRecorder, trimmed, watched_parts
 from observer.teaching.clap import ClapWatch
-from observer.teaching.interfaces import Takes
 from observer.teaching.shown_tracks import shown_tracks
 from observer.teaching.take_watch import StillnessStream, TakeWatch
 from observer.tracks import Tracks
+
+if TYPE_CHECKING:
+    from observer.teaching.takes_file import TakesFile
 
 PIECE_S = 20.0
 SHORTEST_S = 0.4
@@ -53,7 +56,7 @@ class CurrentTake:
 class TakeRecorder:
     """Cuts takes out of the observer's own tracks, which `recorder` has, and writes them. Not thread-safe."""
 
-    def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
+    def __init__(self, recorder: TracksRecorder, takes: "TakesFile") -> None:
         self._recorder, self._takes = recorder, takes
         self._watched = watched_parts(recorder.body_parts)
         self._rows = [recorder.body_parts.index(part) for part in self._watched]

@@ -3,7 +3,7 @@
 1. A teacher (`labanmesh teach`) asks: start, then for each take begin; the take ends when the person stands still, or
    when the teacher ends it (`observer.teaching.take_recorder`). Then something else for some minutes, learn, and adopt.
 2. The reply says why a request cannot be done.
-3. Learning takes place elsewhere (`Learner`). The new model is in force from `adopt` on, when all observers of the
+3. Learning takes place elsewhere (`ModelLearner`). The new model is in force from `adopt` on, when all observers of the
    scene have learned theirs.
 4. A wrong verdict becomes an example, cut out of the remembered tracks (`observer.teaching.corrections`). `forget`
    removes takes from the disk and from memory; the model in force knows them until a new one is adopted.
@@ -15,6 +15,7 @@ Times are seconds of a monotonic clock, and the times of frames in ns.
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
 from common.score import LEAST_REFERENCES
@@ -37,9 +38,12 @@ from common.vocabulary import LABEL, Vocabulary, require_teachable
 from observer.motion.archive import MotionArchive, Recording
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching.corrections import Corrector
-from observer.teaching.interfaces import Learner, Takes
 from observer.teaching.take_recorder import TakeRecorder, fault_line
 from observer.tracks import Tracks
+
+if TYPE_CHECKING:
+    from observer.teaching.model_learner import ModelLearner
+    from observer.teaching.takes_file import TakesFile
 
 TEACHER_S = 10.0
 LOOKING = ("status", "show", "earlier")
@@ -59,8 +63,8 @@ class Teaching:
     def __init__(
         self,
         recorder: TracksRecorder,
-        takes: Takes,
-        learner: Learner,
+        takes: "TakesFile",
+        learner: "ModelLearner",
         refusal: str = "",
         delete_clips: Callable[[str], int] = lambda label: 0,
     ) -> None:

@@ -21,19 +21,16 @@ from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
-from observer.recording.new_recording import RecordingOptions, build_recording
+from observer.recording.new_recording import build_recording
 from observer.recording.visibility import NothingRecorded
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0, 0.9, 0)) for yaw in (-50, 0, 45)]
 
 
-DEFAULTS = RecordingOptions()
-
-
-def recorded(tracks, options=DEFAULTS, rate_hz=30.0, label="wave", subject="anna", trial="1"):
+def recorded(tracks, rate_hz=30.0, label="wave", subject="anna", trial="1", **options):
     empty = Recording(np.zeros((0, 3, 3), np.float32), rate_hz, label, subject, trial)
-    return build_recording(tracks, BODY_PARTS, empty, options)
+    return build_recording(tracks, BODY_PARTS, empty, **options)
 
 
 def waving(seconds=2.0, rate_hz=30.0):
@@ -119,7 +116,7 @@ def test_idle_ends_are_trimmed_and_the_room_is_rotated():
     positions = np.concatenate([still, waving(), still])
     room = positions[..., [2, 0, 1]] * [-1, -1, 1]  # x forward, y left, z up
     matrices = [H @ np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]]) for H in CAMERAS]
-    made, _ = recorded(tracks_of(room, 30, matrices), RecordingOptions(up="z", front="x", trim=True))
+    made, _ = recorded(tracks_of(room, 30, matrices), up="z", front="x", trim=True)
     assert 60 < len(made.positions) < 90
     count = len(made.positions)
     off = [np.abs(made.positions - positions[n : n + count]).max() for n in range(len(positions) - count)]

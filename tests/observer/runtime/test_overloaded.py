@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from common import SECOND_NS
+from common.config_sections import FusionConfig
 from common.load import LoadMeter
-from observer.runtime.paced_observer import Heartbeats, PacedObserver
+from observer.runtime.paced_observer import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver
 from observer.runtime.pacing import TrackingPace
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.service import MeteredObserver
@@ -64,7 +65,8 @@ def said_paced(step_s, cost_s, seconds=20):
 
     prepared = PreparedTracker(slow, slow.body_parts)
     meter = LoadMeter("pictures", ADVICE)
-    observer = PacedObserver(Observer(), prepared, TrackingPace(), Heartbeats(0.1, 0.5), meter, spent_s)
+    fusion = FusionConfig(fresh_s=0.1 / HEARTBEAT, drop_s=0.5 / EMPTY_HEARTBEAT)
+    observer = PacedObserver(Observer(), prepared, TrackingPace(), fusion, meter, spent_s)
     return complaints(observer, seconds, lambda: slow.elapsed_s)
 
 

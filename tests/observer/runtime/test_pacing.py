@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common import SECOND_NS
+from common.config_sections import FusionConfig
 from common.load import LoadMeter
 from observer.camera.opening import open_pictures
 from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
-from observer.runtime.paced_observer import Heartbeats, PacedObserver, cells_of
+from observer.runtime.paced_observer import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver, cells_of
 from observer.runtime.pacing import (
     ACTIVE_SHARE,
     EMPTY_SHARE,
@@ -158,7 +159,7 @@ def paced(tracker, shown):
         Recorder(prepared),
         prepared,
         TrackingPace(),
-        Heartbeats(0.1, 0.5),
+        FusionConfig(fresh_s=0.1 / HEARTBEAT, drop_s=0.5 / EMPTY_HEARTBEAT),
         meter,
         lambda: tracker.spent_s,
     )
