@@ -29,7 +29,7 @@ from observer.learning.learn_options import LearnOptions
 
 if TYPE_CHECKING:
     from observer.geometry.placement import PersonPlacement
-    from observer.learning.learning_sources import LearningSource, SourceChoice
+    from observer.learning.learning_sources import LearningSource
     from observer.motion.archive import MotionArchive
     from observer.motion.sensors import SensorFile
 
@@ -87,40 +87,19 @@ def _read(options: LearnOptions) -> "tuple[Sequence[SensorFile], list[LearningSo
     """The sensors, and the recordings of each."""
     from observer.learning.learning_sources import read_source, sensors_to_learn
 
-    sensors = sensors_to_learn(_choice(options))
-    people, background = split_list("--subjects", options.subjects), (options.background, options.background_labels)
-    return sensors, [read_source(one, people, options.rate, options.parts, background) for one in sensors]
-
-
-def _choice(options: LearnOptions) -> "SourceChoice":
-    from common.config import read_scene
-    from observer.geometry.placement import parse_place, placement_of
-    from observer.learning.learning_sources import SourceChoice
-
-    if options.observers and not options.scene:
-        raise BadInput("--observers: of which scene? name it with --scene")
-    return SourceChoice(
-        options.archive,
-        options.view,
-        options.sensor or [],
-        read_scene(options.scene) if options.scene else None,
-        split_list("--observers", options.observers),
-        placement_of(parse_place(options.place), options.facing),
-        options.output,
-        options.effort or options.add_to is not None,
-    )
+    sensors = sensors_to_learn(options)
+    return sensors, [read_source(sensor, options) for sensor in sensors]
 
 
 def _require_compatible(options: LearnOptions) -> None:
     """Raise BadInput for options that exclude each other."""
-    edits = options.effort or options.add_to is not None
     if options.effort and options.add_to:
         raise BadInput("--effort --add-to: only movements can be added; Effort is learned from all examples at once")
-    if options.background and edits:
+    if options.background and options.edits:
         raise BadInput("--background: only for a new model; --add-to keeps the model's background, --effort needs none")
-    if options.reference and edits:
+    if options.reference and options.edits:
         raise BadInput("--reference: only for a new model; --add-to keeps the model's own, --effort needs none")
-    if options.parts and edits:
+    if options.parts and options.edits:
         raise BadInput("--body-parts: only for a new model of movements; omit it")
 
 

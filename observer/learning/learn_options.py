@@ -110,3 +110,8 @@ class LearnOptions:
     def parts(self) -> tuple[str, ...]:
         """Body parts; empty: all of the archive."""
         return split_list("--body-parts", self.body_parts)
+
+    @property
+    def edits(self) -> bool:
+        """Whether the model is not a new one of movements."""
+        return self.effort or self.add_to is not None

@@ -1,17 +1,18 @@
 """Which archives `labanmesh learn` reads for each model."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.config import Scene
+from common.config import Scene, read_scene
 from common.errors import BadInput, reason_of
 from common.text import split_list
-from observer.geometry.placement import PersonPlacement, placement_of
+from observer.geometry.placement import parse_place, placement_of
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
 from observer.learning.learn import BLENDS
+from observer.learning.learn_options import LearnOptions
 from observer.learning.part_selection import AUTO, parts_to_learn
 from observer.motion.archive import MotionArchive, common_rate, labels_of, select
 from observer.motion.archive_file import read_archive
@@ -35,78 +36,52 @@ class LearningSource:
         return labels_of(self.archive)
 
 
-@dataclass(frozen=True, slots=True)
-class SourceChoice:
-    """The options of `labanmesh learn` that say which models to learn, and from what.
-
-    archive with view, with a scene, or sensors (`--sensor`). output: a folder, except with a view. edits: the model is
-    not a new one of movements.
-    """
-
-    archive: Path | None
-    view: str
-    sensors: Sequence[str]
-    scene: Scene | None
-    observers: Sequence[str]
-    placement: PersonPlacement | None
-    output: Path
-    edits: bool
-
-
-def sensors_to_learn(choice: SourceChoice) -> list[SensorFile]:
+def sensors_to_learn(options: LearnOptions) -> list[SensorFile]:
     """The sensors, the observers of the scene, or the archive as the only one; raises BadInput for another mixture."""
-    if choice.sensors:
-        sensors = _of_sensors(choice)
-    elif choice.scene is not None:
-        sensors = _of_scene(choice, choice.scene)
-    elif choice.archive is None:
+    placement = placement_of(parse_place(options.place), options.facing)
+    if options.observers and not options.scene:
+        raise BadInput("--observers: of which scene? name it with --scene")
+    scene = read_scene(options.scene) if options.scene else None
+    if options.sensor:
+        if options.archive or options.view or scene:
+            raise BadInput("--sensor: takes the place of ARCHIVE and --view, or --scene; omit these")
+        if placement:
+            raise BadInput(
+                "--place, --facing: sensors record in their own axes; give ARCHIVE --view in place of --sensor"
+            )
+        sensors = parse_sensors(options.sensor)
+    elif scene is not None:
+        if options.archive is None:
+            raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --scene scene.toml -o models")
+        if options.view or placement:
+            raise BadInput("--scene: the scene file has view, place and facing; omit --view, --place and --facing")
+        names = split_list("--observers", options.observers) or scene.roster
+        sensors = [_of_observer(scene, name, options.archive) for name in names]
+    elif options.archive is None:
         raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --view door -o cam1.model")
     else:
-        return [SensorFile("", choice.archive, choice.view, choice.placement)]
-    if choice.edits:
-        option = "--sensor" if choice.sensors else "--scene"
+        return [SensorFile("", options.archive, options.view, placement)]
+    if options.edits:
+        option = "--sensor" if options.sensor else "--scene"
         raise BadInput(f"{option}: only for new models of movements; --add-to and --effort take ARCHIVE --view")
     try:
-        choice.output.mkdir(parents=True, exist_ok=True)
+        options.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"cannot make the folder {choice.output}: {reason_of(error)}. Choose another with -o") from None
+        raise BadInput(f"cannot make the folder {options.output}: {reason_of(error)}. Choose another with -o") from None
     return sensors
 
 
-def _of_sensors(choice: SourceChoice) -> list[SensorFile]:
-    if choice.archive or choice.view or choice.scene:
-        raise BadInput("--sensor: takes the place of ARCHIVE and --view, or --scene; omit these")
-    if choice.placement:
-        raise BadInput("--place, --facing: sensors record in their own axes; give ARCHIVE --view in place of --sensor")
-    return parse_sensors(choice.sensors)
+def _of_observer(scene: Scene, name: str, archive: Path) -> SensorFile:
+    """The archive as an observer's view shows it, with the people where the scene says that they stand."""
+    view, person = scene.observer(name).view.strip(), scene.person_for(name)
+    if not view.endswith(".toml"):
+        return SensorFile(name, archive, view)
+    return SensorFile(name, archive, str(scene.place(view)), placement_of(person.place, person.facing))
 
 
-def _of_scene(choice: SourceChoice, scene: Scene) -> list[SensorFile]:
-    """One for each observer: its view, and where the scene says that the person stands."""
-    if choice.archive is None:
-        raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --scene scene.toml -o models")
-    if choice.view or choice.placement:
-        raise BadInput("--scene: the scene file has view, place and facing; omit --view, --place and --facing")
-    sensors = []
-    for name in choice.observers or scene.roster:
-        view, person = scene.observer(name).view.strip(), scene.person_for(name)
-        if view.endswith(".toml"):
-            placement = placement_of(person.place, person.facing)
-            sensors.append(SensorFile(name, choice.archive, str(scene.place(view)), placement))
-        else:
-            sensors.append(SensorFile(name, choice.archive, view))
-    return sensors
-
-
-def read_source(
-    sensor: SensorFile,
-    people: Sequence[str],
-    rate: float | None,
-    body_parts: tuple[str, ...],
-    background: tuple[str, str],
-) -> LearningSource:
-    """Read the archives of one sensor. background: the values of --background and --background-labels."""
-    whole = select(read_archive(sensor.path), people, rate)
+def read_source(sensor: SensorFile, options: LearnOptions) -> LearningSource:
+    """Read the archives of one sensor."""
+    whole = select(read_archive(sensor.path), split_list("--subjects", options.subjects), options.rate)
     if not (sensor.name or sensor.view or whole.camera):
         raise BadInput(f"--view: needed, as in: labanmesh learn {sensor.path} --view door -o cam1.model")
     provenance = {
@@ -114,8 +89,8 @@ def read_source(
         "archive_sha256": hashlib.sha256(sensor.path.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
-    parts = parts_to_learn(whole) if body_parts == (AUTO,) else body_parts or whole.body_parts
-    learned_too = _read_background(*background, sensor.path, whole, people, parts)
+    parts = parts_to_learn(whole) if options.parts == (AUTO,) else options.parts or whole.body_parts
+    learned_too = _read_background(options, sensor.path, whole, parts)
     view = sensor.view_in(whole)
     if sensor.placement and not view.has_place:
         raise BadInput(f"--place, --facing: for camera files only, and {view.name} is none; write --view yaw:DEG")
@@ -123,25 +98,21 @@ def read_source(
 
 
 def _read_background(
-    background: str,
-    labels: str,
-    learned: Path,
-    archive: MotionArchive,
-    subjects: Sequence[str],
-    body_parts: tuple[str, ...],
+    options: LearnOptions, learned: Path, archive: MotionArchive, body_parts: tuple[str, ...]
 ) -> MotionArchive | None:
     """The recordings of --background and --background-labels; None without a background.
 
-    learned: path of the archive to learn from, `archive` its selected recordings; if it is also a background, only the
-    `subjects` are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
+    learned: path of the archive to learn from, `archive` its selected recordings; if it is also a background, only its
+    --subjects are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
     """
-    chosen = split_list("--background-labels", labels)
+    background, chosen = options.background, split_list("--background-labels", options.background_labels)
     if chosen and background in ("", BLENDS):
-        raise BadInput(f"--background-labels {labels}: of which archive? name it with --background")
+        raise BadInput(f"--background-labels {options.background_labels}: of which archive? name it with --background")
     if not background:
         return None
     if background == BLENDS:
         return MotionArchive(body_parts, ())
+    subjects = split_list("--subjects", options.subjects)
     paths = [Path(name) for name in split_list("--background", background)]
     archives = [select(read_archive(p), subjects if p.resolve() == learned.resolve() else ()) for p in paths]
     for path, other in zip(paths, archives, strict=True):
