@@ -29,11 +29,25 @@ CENTRE = 0.02
 BACK_M, BACK_RAD = 0.005, 0.05
 """Prior: position and rotation of the pattern on the board's back relative to the front: 5 mm, 3 degrees."""
 
-Transform = tuple[Floats, Floats]
-"""(3, 3) rotation and (3,) translation."""
-
 Optics = tuple[Floats, Floats]
 """K (3, 3) and distortion (5,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigidTransform:
+    """A rigid transform X' = R X + t; R: (3, 3), t: (3,) metres."""
+
+    R: Floats
+    t: Floats
+
+    def after(self, first: "RigidTransform") -> "RigidTransform":
+        """The composition: `first`, then this transform."""
+        return RigidTransform(self.R @ first.R, self.R @ first.t + self.t)
+
+    @property
+    def inverse(self) -> "RigidTransform":
+        """The inverse transform."""
+        return RigidTransform(self.R.T, -self.R.T @ self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,28 +66,29 @@ class BoardCorners:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BundleResult:
-    """Refined extrinsics: cameras (room to camera), boards (board to room), and the lenses of all cameras.
+class RigExtrinsics:
+    """cameras: by name, room to camera. boards: by picture number, board to room. lenses: by camera, K and distortion.
 
-    time_offsets: (C,) frames by which each of the BoardCorners is later than its number. back: (4,) the pattern on the
-    board's back: metres along x, y, z, and radians about z. residuals_px: (N, 2) of each of the BoardCorners.
+    residuals_px: by camera and picture number, (N, 2) from the detected to the projected corners. time_offset: root
+    mean square time offset of pictures of one number, in frames. back: (4,) the pattern on the board's back: metres
+    along x, y and z, and radians about z.
     """
 
-    cameras: dict[str, Transform]
-    boards: dict[int, Transform]
+    cameras: dict[str, RigidTransform]
+    boards: dict[int, RigidTransform]
     lenses: dict[str, Optics]
-    time_offsets: Floats
+    residuals_px: dict[str, dict[int, Floats]]
+    time_offset: float
     back: Floats
-    residuals_px: tuple[Floats, ...]
 
 
 def bundle_adjust(
     corners: Sequence[BoardCorners],
     lenses: Mapping[str, Optics],
-    cameras: Mapping[str, Transform],
-    boards: Mapping[int, Transform],
+    cameras: Mapping[str, RigidTransform],
+    boards: Mapping[int, RigidTransform],
     centres_px: Mapping[str, tuple[float, float]] | None = None,
-) -> BundleResult:
+) -> RigExtrinsics:
     """Minimise the robust reprojection error; the first camera is fixed. A single camera moves only its boards.
 
     centres_px: middle of the picture of each camera whose lens is refined too: one focal length, principal point, k1
@@ -90,8 +105,8 @@ class _Problem:
         self,
         corners: Sequence[BoardCorners],
         lenses: Mapping[str, Optics],
-        cameras: Mapping[str, Transform],
-        boards: Mapping[int, Transform],
+        cameras: Mapping[str, RigidTransform],
+        boards: Mapping[int, RigidTransform],
         centres_px: Mapping[str, tuple[float, float]],
     ) -> None:
         self._corners, self._lenses = corners, lenses
@@ -109,7 +124,7 @@ class _Problem:
         self._prior, self._width = self._expected(cameras, centres_px)
 
     def _expected(
-        self, cameras: Mapping[str, Transform], centres_px: Mapping[str, tuple[float, float]]
+        self, cameras: Mapping[str, RigidTransform], centres_px: Mapping[str, tuple[float, float]]
     ) -> tuple[Floats, Floats]:
         """Mean and standard deviation of the prior of every unknown; infinite where nothing is known."""
         at, width = self._at, np.full(self._at.size, np.inf)
@@ -154,17 +169,21 @@ class _Problem:
         result: Floats = off - (c.pixels + moment * c.speeds).ravel()
         return result
 
-    def unpack(self, result: LeastSquaresResult) -> BundleResult:
+    def unpack(self, result: LeastSquaresResult) -> RigExtrinsics:
         """The vector of unknowns as cameras, boards and lenses."""
         x, at, ends = result.x, self._at, np.cumsum([2 * len(c.points) for c in self._corners])
-        off = np.split(result.residuals[: ends[-1]] * NOISE_PX, ends[:-1])
-        return BundleResult(
+        residuals_px: dict[str, dict[int, Floats]] = {name: {} for name in at.cameras}
+        for corner, off in zip(
+            self._corners, np.split(result.residuals[: ends[-1]] * NOISE_PX, ends[:-1]), strict=True
+        ):
+            residuals_px[corner.camera][corner.number] = off.reshape(-1, 2)
+        return RigExtrinsics(
             {name: _transform(x[at.camera(name)]) for name in at.cameras},
             {number: _transform(x[at.board(number)]) for number in at.boards},
             {name: self.optics(name, x) for name in at.cameras},
-            x[at.time_offsets],
+            residuals_px,
+            float(np.sqrt(np.mean(x[at.time_offsets] ** 2))),
             x[at.back],
-            tuple(part.reshape(-1, 2) for part in off),
         )
 
 
@@ -184,9 +203,9 @@ def project_board(points: Floats, optics: Optics, board: Floats, camera: Floats)
     return np.asarray(image, np.float64).ravel(), by_board, by_camera, by_point, by_lens
 
 
-def _vector(transform: Transform) -> Floats:
-    return np.concatenate([np.asarray(cv2.Rodrigues(transform[0])[0], np.float64).ravel(), transform[1]])
+def _vector(transform: RigidTransform) -> Floats:
+    return np.concatenate([np.asarray(cv2.Rodrigues(transform.R)[0], np.float64).ravel(), transform.t])
 
 
-def _transform(vector: Floats) -> Transform:
-    return np.asarray(cv2.Rodrigues(vector[:3])[0], np.float64), vector[3:]
+def _transform(vector: Floats) -> RigidTransform:
+    return RigidTransform(np.asarray(cv2.Rodrigues(vector[:3])[0], np.float64), vector[3:])

@@ -12,10 +12,10 @@ import numpy as np
 from common.errors import BadInput
 from common.text import plural
 from observer.calibration.board import Board
-from observer.calibration.bundle import Optics
+from observer.calibration.bundle import Optics, RigidTransform
 from observer.calibration.calibrated import CalibratedCamera
 from observer.calibration.detection import CameraDetections
-from observer.calibration.parameters import FittedLens, RigidTransform, solve_extrinsics
+from observer.calibration.parameters import FittedLens, solve_extrinsics
 from observer.geometry.dlt import fit_projective_matrix
 from observer.geometry.projection import Floats
 

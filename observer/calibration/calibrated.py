@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from common.errors import BadInput
@@ -60,7 +61,7 @@ def rotation(values: Sequence[object], what: str) -> Floats:
     except (TypeError, ValueError):
         array = np.zeros(0)
     if array.shape == (3,) and np.isfinite(array).all():
-        return _from_rodrigues(array)
+        return np.asarray(cv2.Rodrigues(array)[0], np.float64)
     if array.shape != (3, 3) or not np.allclose(array @ array.T, np.eye(3), atol=1e-3) or np.linalg.det(array) < 0:
         expected = "3 numbers (Rodrigues vector) or an orthogonal 3x3 matrix with determinant 1"
         raise BadInput(f"{what}: not a rotation; expected {expected}")
@@ -72,13 +73,3 @@ def rotation(values: Sequence[object], what: str) -> Floats:
 def angle_between(first: Floats, second: Floats) -> float:
     """Angle between two (3, 3) rotations, 0 to π radians."""
     return float(np.arccos(np.clip((np.trace(first.T @ second) - 1) / 2, -1, 1)))
-
-
-def _from_rodrigues(vector: Floats) -> Floats:
-    angle = float(np.linalg.norm(vector))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = vector / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    result: Floats = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
-    return result

@@ -13,7 +13,7 @@ from common.files import read_text, read_toml
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
 from observer.files import write_file
-from observer.geometry.projection import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, Floats
+from observer.geometry.projection import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, Floats, check_intrinsic_matrix
 
 NEEDED_KEYS = "matrix, rotation, translation"
 
@@ -60,10 +60,7 @@ def _opencv_camera(where: str, name: str, table: dict[str, Any], file: str) -> C
     if table.get("fisheye"):
         raise BadInput(f"{where}.fisheye = true: fisheye lenses are not supported; calibrate again without")
     K = _numbers(f"{where}.matrix", table["matrix"], (3, 3))
-    if not (K[0, 0] > 0 and K[1, 1] > 0 and np.allclose(K[2], [0, 0, 1]) and K[1, 0] == 0):
-        raise BadInput(
-            f"{where}.matrix: not an intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0"
-        )
+    check_intrinsic_matrix(K, f"{where}.matrix: ")
     coefficients: object = next((table[key] for key in ("distortions", "distortion", "dist") if key in table), [])
     distortion = _numbers(f"{where}.distortions", coefficients, None).ravel()
     if len(distortion) not in (0, *DISTORTION_SIZES):

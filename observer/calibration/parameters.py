@@ -10,7 +10,7 @@ import numpy as np
 from common.errors import BadInput
 from common.text import plural
 from observer.calibration.board import Board
-from observer.calibration.bundle import BoardCorners, BundleResult, Optics, bundle_adjust
+from observer.calibration.bundle import BoardCorners, RigExtrinsics, RigidTransform, bundle_adjust
 from observer.calibration.calibrated import angle_between
 from observer.calibration.detection import BoardDetection, CameraDetections, speeds
 from observer.geometry.projection import Floats
@@ -96,40 +96,6 @@ SQUARE_PIXELS = 0.05
 """A lens whose focal lengths differ by a larger share has no square pixels, and it is not refined."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RigidTransform:
-    """A rigid transform X' = R X + t; R: (3, 3), t: (3,) metres."""
-
-    R: Floats
-    t: Floats
-
-    def after(self, first: "RigidTransform") -> "RigidTransform":
-        """The composition: `first`, then this transform."""
-        return RigidTransform(self.R @ first.R, self.R @ first.t + self.t)
-
-    @property
-    def inverse(self) -> "RigidTransform":
-        """The inverse transform."""
-        return RigidTransform(self.R.T, -self.R.T @ self.t)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RigExtrinsics:
-    """cameras: by name, room to camera. boards: by picture number, board to room. lenses: by camera, K and distortion.
-
-    residuals_px: by camera and picture number, (N, 2) from the detected to the projected corners. time_offset: root
-    mean square time offset of pictures of one number, in frames. back: (4,) the pattern on the board's back: metres
-    along x, y and z, and radians about z.
-    """
-
-    cameras: dict[str, RigidTransform]
-    boards: dict[int, RigidTransform]
-    lenses: dict[str, Optics]
-    residuals_px: dict[str, dict[int, Floats]]
-    time_offset: float
-    back: Floats
-
-
 def board_pose(detection: BoardDetection, board: Board, lens: FittedLens) -> RigidTransform:
     """Board to camera, by the better of the two solutions for a plane (IPPE, Collins and Bartoli 2014), refined."""
     space, image = board.points[detection.ids], detection.pixels
@@ -160,30 +126,11 @@ def solve_extrinsics(
     corners = [corner for c in cameras for corner in _corners(c, board)]
     refinable = [c for c in cameras if len(cameras) > 1 and c.name in adjust and _has_square_pixels(lenses[c.name])]
     centres_px = {c.name: _middle(c) for c in refinable}
-    refined = bundle_adjust(
-        corners,
-        {name: (lens.K, lens.distortion) for name, lens in lenses.items()},
-        {name: (p.R, p.t) for name, p in poses.items()},
-        {number: (p.R, p.t) for number, p in boards.items()},
-        centres_px,
-    )
+    optics = {name: (lens.K, lens.distortion) for name, lens in lenses.items()}
+    refined = bundle_adjust(corners, optics, poses, boards, centres_px)
     for c in cameras:
         check_plausible(c, refined.lenses[c.name][0])
-    return _as_rig(corners, refined)
-
-
-def _as_rig(corners: Sequence[BoardCorners], refined: BundleResult) -> RigExtrinsics:
-    residuals_px: dict[str, dict[int, Floats]] = {name: {} for name in refined.cameras}
-    for corner, pixels in zip(corners, refined.residuals_px, strict=True):
-        residuals_px[corner.camera][corner.number] = pixels
-    return RigExtrinsics(
-        {n: RigidTransform(*p) for n, p in refined.cameras.items()},
-        {n: RigidTransform(*p) for n, p in refined.boards.items()},
-        refined.lenses,
-        residuals_px,
-        float(np.sqrt(np.mean(refined.time_offsets**2))),
-        refined.back,
-    )
+    return refined
 
 
 def _corners(camera: CameraDetections, board: Board) -> list[BoardCorners]:

@@ -11,14 +11,13 @@ from observer_stage import printed_board, rejected
 from scipy.optimize import least_squares
 
 from observer.calibration.board import Charuco, Chessboard, parse_chessboard, pictures, read_board
-from observer.calibration.bundle import BoardCorners, _Problem, bundle_adjust, project_board
+from observer.calibration.bundle import BoardCorners, RigidTransform, _Problem, bundle_adjust, project_board
 from observer.calibration.calibrate import from_boards
 from observer.calibration.calibrated import angle_between, rotation
 from observer.calibration.detection import BoardDetection, CameraDetections, _upright, detector, find_boards, speeds
 from observer.calibration.formats import read_opencv
 from observer.calibration.parameters import (
     FittedLens,
-    RigidTransform,
     _relative_pose,
     fit_lens,
     solve_extrinsics,
@@ -82,9 +81,8 @@ def test_the_jacobian_equals_difference_quotients():
     ]
     start = solve_extrinsics(cameras_seen, {"one": LENS, "two": LENS}, BOARD)
     optics = dict.fromkeys(start.cameras, (K, LENS.distortion))
-    cameras = {name: (pose.R, pose.t) for name, pose in start.cameras.items()}
-    boards = {n: (start.boards[n].R, start.boards[n].t) for n in (0, 1)}
-    problem = _Problem(corners, optics, cameras, boards, {"two": (319.5, 239.5)})
+    boards = {n: start.boards[n] for n in (0, 1)}
+    problem = _Problem(corners, optics, start.cameras, boards, {"two": (319.5, 239.5)})
     x = problem.start + np.random.default_rng(7).normal(0, 1e-3, len(problem.start))
     blocks = problem.evaluate(x)[1]
     slopes = blocks.matrix().toarray()
@@ -103,12 +101,12 @@ def test_bundle_adjustment_corrects_a_wrong_start_despite_a_wrong_corner():
         for s in c.boards
     ]
     corners[3].pixels[5] += 40
-    cameras = {name: (pose.R, pose.t) for name, pose in start.cameras.items()}
-    cameras["two"] = (rotation([0, 0.35, 0.02], "test"), second.t + 0.05)
+    turned = RigidTransform(rotation([0, 0.35, 0.02], "test"), second.t + 0.05)
+    cameras = {**start.cameras, "two": turned}
     lenses = dict.fromkeys(cameras, (K, LENS.distortion))
-    R, t = bundle_adjust(corners, lenses, cameras, {n: (p.R, p.t) for n, p in start.boards.items()}).cameras["two"]
-    np.testing.assert_allclose(t, second.t, atol=2e-3)
-    assert angle_between(R, second.R) < 2e-3
+    found = bundle_adjust(corners, lenses, cameras, start.boards).cameras["two"]
+    np.testing.assert_allclose(found.t, second.t, atol=2e-3)
+    assert angle_between(found.R, second.R) < 2e-3
 
 
 def test_a_charuco_board_is_detected_from_behind():
