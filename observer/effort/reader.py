@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.effort.features import Course, features
 from observer.effort.model import EffortModel
-from observer.features import BodySize
+from observer.features import UP, BodySize
 from observer.geometry.projection import picture_right
 from observer.tracks import BODY_PARTS, Floats, Tracks
 
@@ -42,8 +42,6 @@ SHAPE_HZ = 10.0
 """Rate at which Shape is updated."""
 FEWEST_INSTANTS = 4
 """Instants that a rate needs."""
-UPWARDS, NOT_SEEN = np.array([1.0, -1.0]), np.full((1, 2), np.nan)
-"""Factors on picture coordinates, of which the second points down; and a part that is not seen."""
 LEAST_DEPTH = 0.5
 """A view shows advancing if at least half of a step forward appears as one aside: from 30° of yaw on."""
 
@@ -89,10 +87,8 @@ class ShapeReader:
     """Reads Shape from the stream of tracks. body_parts: names of the P parts; depth: see `depth_in`."""
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float, depth: float = 0.0) -> None:
-        names = list(body_parts)
-        self._rows = [names.index(part) if part in names else None for part in BODY_PARTS]
-        self._places = [len(names) if row is None else row for row in self._rows]
-        self._names, self._rate_hz, self._depth = tuple(names), rate_hz, depth
+        self._names, self._rate_hz, self._depth = tuple(body_parts), rate_hz, depth
+        self._rows = [self._names.index(part) for part in BODY_PARTS if part in self._names]
         self._size = BodySize()
         self._window: deque[Floats] = deque(maxlen=max(round(SHAPE_WINDOW_S * rate_hz), FEWEST_INSTANTS))
         self._every, self._count = max(round(rate_hz / SHAPE_HZ), 1), 0
@@ -104,11 +100,11 @@ class ShapeReader:
         read: whether anybody reads them; else they stay as they were. Missing: spreading while a hand or the head is
         not seen, the others without any hand or the head, and advancing if the view does not show depth.
         """
-        # One row more, which is never seen, stands for a part that the model does not read.
-        points = (np.concatenate([centres, NOT_SEEN]) if None in self._rows else centres)[self._places]
-        self._window.append(points * UPWARDS)
+        if len(self._rows) < len(BODY_PARTS):
+            return {}
+        self._window.append(centres[self._rows] * UP)
         self._count += 1
-        if not read or None in self._rows:
+        if not read:
             return self._facets
         size = self._size.update(centres, self._names)
         if math.isfinite(size) and self._count >= self._every:

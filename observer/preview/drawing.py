@@ -163,20 +163,10 @@ RING_PX = 14
 DASHES = 8
 """Number of dashes of an unsure part's ring."""
 BLACK: Colour = (0, 0, 0)
+LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("shoulder", "hip"), ("hip", "knee"), ("knee", "foot"))
 BONES = (
-    ("head", "neck"),
-    ("left_shoulder", "right_shoulder"),
-    ("left_shoulder", "left_elbow"),
-    ("left_elbow", "left_hand"),
-    ("right_shoulder", "right_elbow"),
-    ("right_elbow", "right_hand"),
-    ("left_shoulder", "left_hip"),
-    ("right_shoulder", "right_hip"),
-    ("left_hip", "right_hip"),
-    ("left_hip", "left_knee"),
-    ("left_knee", "left_foot"),
-    ("right_hip", "right_knee"),
-    ("right_knee", "right_foot"),
+    *(("head", "neck"), ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")),
+    *((f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right") for upper, lower in LIMBS),
 )
 """Lines of the skeleton, drawn between parts that are both seen."""
 FOLLOWED, OTHER = STATE_COLOUR[State.SEEN], (190, 190, 190)

@@ -20,9 +20,8 @@ UPPER_ARM, FOREARM, THIGH, SHIN, ANKLE = 0.186, 0.200, 0.245, 0.246, 0.045
 HEAD_CENTRE = LEG + TRUNK + NECK
 
 USUAL_HEIGHT, SMALLEST, TALLEST = 1.72, 1.45, 1.95
-HANGING_HAND_SHARE = (
-    0.5  # distance of a hanging hand below the head, share of the height: .47 by the segments, .54 in MSR Action3D
-)
+HANGING_HAND_SHARE = 0.5
+"""Distance of a hanging hand below the head, share of the height: .47 by the segments, .54 in MSR Action3D."""
 LONGEST_STRIDE = 0.45
 MOST_TWIST_RAD = 0.6
 
@@ -78,10 +77,10 @@ class BodyPose:
     ankles: Floats
 
 
-def stature(positions: NDArray[np.floating], height: float | None = None) -> Stature:
+def stature(positions: NDArray[np.floating]) -> Stature:
     """(F, P, 3) positions of one performer -> the stature: median position of the head, at its 80 % quantile of height.
 
-    height: metres; None estimates it from the lowest hanging hand, 1.45 to 1.95 m, or 1.72 m when no hand hangs.
+    The height is estimated from the lowest hanging hand, 1.45 to 1.95 m, or is 1.72 m when no hand hangs.
     """
     places = np.asarray(positions, dtype=np.float64)
     heads = places[:, HEAD][np.isfinite(places[:, HEAD]).all(axis=1)]
@@ -90,7 +89,7 @@ def stature(positions: NDArray[np.floating], height: float | None = None) -> Sta
         heads = known + np.array([0.0, 0.6, 0.0]) if len(known) else np.zeros((1, 3))
     head = np.median(heads, axis=0)
     head[1] = np.quantile(heads[:, 1], 0.8)
-    return Stature(head, _height(places) if height is None else height)
+    return Stature(head, _height(places))
 
 
 def _height(places: Floats) -> float:

@@ -1,7 +1,6 @@
 """Draws a figure's shapes into a picture with OpenCV: smooth edges, shaded as if round, farthest first."""
 
 from dataclasses import dataclass
-from typing import Self
 
 import cv2
 import numpy as np
@@ -17,33 +16,24 @@ NEAREST = 0.05
 
 
 class PinholeCamera:
-    """A pinhole camera by its (3, 4) matrix from metres to pixels."""
+    """A pinhole camera by its (3, 4) matrix from metres to pixels.
 
-    __slots__ = ("_H", "centre", "focal_px")
+    With H scaled to |h3| = 1 (rows h1, h2, h3 of its left 3x3), w is the depth in metres and the focal lengths are
+    |h1 × h3| and |h2 × h3| (Hartley and Zisserman, section 6.2); `focal_px` is their geometric mean. centre: (3,).
+    Raises BadInput for a matrix that is parallel, singular or not (3, 4).
+    """
 
-    def __init__(self, H: Floats, centre: Floats, focal_px: float) -> None:
-        self._H = H
-        self.centre = centre
-        self.focal_px = focal_px
-
-    @classmethod
-    def of(cls, matrix: Floats) -> Self:
-        """The camera of a pinhole matrix. Raises BadInput for one that is parallel, singular or not (3, 4).
-
-        With H scaled to |h3| = 1 (rows h1, h2, h3 of its left 3x3), w is the depth in metres and the focal lengths
-        are |h1 × h3| and |h2 × h3| (Hartley and Zisserman, section 6.2); `focal_px` is their geometric mean.
-        """
+    def __init__(self, matrix: Floats) -> None:
         if np.shape(matrix) != (3, 4):
             raise BadInput(f"projective matrix of shape {np.shape(matrix)}: (3, 4) is expected")
         H = oriented(matrix)
         left = H[:, :3]
         if not H[2, :3].any() or abs(np.linalg.det(left)) < 1e-18:
             raise BadInput("projective matrix: a pinhole camera is expected, not a parallel or singular projection")
-        H = H / np.linalg.norm(H[2, :3])
+        self._H = H = H / np.linalg.norm(H[2, :3])
         x, y, z = H[:, :3]
-        focal = float(np.linalg.norm(np.cross(x, z)) * np.linalg.norm(np.cross(y, z))) ** 0.5
-        centre: Floats = np.linalg.solve(H[:, :3], -H[:, 3]).astype(np.float64)
-        return cls(H, centre, focal)
+        self.focal_px = float(np.linalg.norm(np.cross(x, z)) * np.linalg.norm(np.cross(y, z))) ** 0.5
+        self.centre: Floats = np.linalg.solve(H[:, :3], -H[:, 3]).astype(np.float64)
 
     def project(self, points: Floats) -> tuple[Floats, Floats]:
         """(K, 3) points -> (K, 2) pixels and (K,) depths in metres; pixels are invalid where depth < NEAREST."""
@@ -85,7 +75,6 @@ class PinholeCamera:
 
 
 Picture = NDArray[np.uint8]
-Shade = NDArray[np.float32]
 
 SUBPIXEL_BITS = 4
 NOBODY_VALUE = 255

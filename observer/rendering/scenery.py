@@ -130,21 +130,21 @@ def _shelf(picture: Picture, left: int, top: int, wide: int, high: int, rng: np.
         x = left + 4
         while x < left + wide - 10:
             w, h = int(rng.uniform(0.03, 0.11) * wide) + 3, int(rng.uniform(0.55, 0.92) * board)
-            cv2.rectangle(picture, (x, y - h), (min(x + w, left + wide - 4), y), _bgr(_non_skin_colour(rng)), -1)
+            cv2.rectangle(picture, (x, y - h), (min(x + w, left + wide - 4), y), _non_skin_colour(rng), -1)
             x += w + 1
         cv2.line(picture, (left, y), (left + wide, y), (120, 122, 124), 3)
 
 
 def _stripes(picture: Picture, left: int, wide: int, high: int, rng: np.random.Generator) -> None:
-    colours = [_bgr(_non_skin_colour(rng)) for _ in range(3)]
+    colours = [_non_skin_colour(rng) for _ in range(3)]
     for k, x in enumerate(range(left, left + wide, max(wide // 14, 2))):
         cv2.rectangle(picture, (x, 0), (x + max(wide // 14, 2), high), colours[k % 3], -1)
 
 
 def _thing(picture: Picture, x: int, y: int, wide: int, high: int, rng: np.random.Generator) -> None:
     """A box, plain or with a checked or dotted front."""
-    cv2.rectangle(picture, (x, y), (x + wide, y + high), _bgr(_non_skin_colour(rng)), -1)
-    pattern, other = rng.integers(3), _bgr(_non_skin_colour(rng))
+    cv2.rectangle(picture, (x, y), (x + wide, y + high), _non_skin_colour(rng), -1)
+    pattern, other = rng.integers(3), _non_skin_colour(rng)
     step = max(min(wide, high) // 4, 4)
     for i in range(x + 2, x + wide - step, 2 * step):
         for j in range(y + 2, y + high - step, 2 * step):
@@ -155,12 +155,12 @@ def _thing(picture: Picture, x: int, y: int, wide: int, high: int, rng: np.rando
     cv2.rectangle(picture, (x, y), (x + wide, y + high), (40, 38, 36), 1)
 
 
-def _non_skin_colour(rng: np.random.Generator) -> Bgr:
+def _non_skin_colour(rng: np.random.Generator) -> tuple[int, int, int]:
     """A colour of any hue except skin's (about 0 to 25 and 165 to 180 of OpenCV's 180), or a grey."""
     hue, saturation = rng.integers(38, 150), rng.integers(0, 3) * rng.integers(30, 100)
     hsv = np.array([[[hue, saturation, rng.integers(50, 230)]]], np.uint8)
     blue, green, red = cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)[0, 0]
-    return float(blue), float(green), float(red)
+    return int(blue), int(green), int(red)
 
 
 def _wood(width: int, height: int, rng: np.random.Generator) -> Picture:
@@ -176,10 +176,6 @@ def _wash(width: int, height: int, colour: Bgr, fall: float) -> Picture:
     """One colour that darkens towards the bottom by the share `fall`."""
     gradient = np.linspace(1.0, 1.0 - fall, height, dtype=np.float32)[:, None, None] * np.array(colour, np.float32)
     return np.broadcast_to(np.clip(gradient, 0.0, 255.0).astype(np.uint8), (height, width, 3)).copy()
-
-
-def _bgr(colour: Bgr) -> tuple[int, int, int]:
-    return int(colour[0]), int(colour[1]), int(colour[2])
 
 
 LIGHT, GRAIN = 3, 4  # keys of the random streams, after the seed

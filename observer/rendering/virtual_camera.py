@@ -63,7 +63,7 @@ class Renderer:
             raise BadInput(f"size_px = {size_px}: width and height of at least 16 pixels are expected")
         if seed < 0:
             raise BadInput(f"seed = {seed}: 0 or more is expected")
-        self._camera = PinholeCamera.of(matrix)
+        self._camera = PinholeCamera(matrix)
         self._size_px = size_px
         self._scenery = scenery or Scenery()
         self._seed = seed

@@ -87,26 +87,22 @@ class CamshiftTracker:
     hand is which, and from the side they stay unnamed. Raises BadInput without cascade, skin and face region.
     """
 
+    body_parts: Sequence[str] = BODY_PARTS
+    """left_hand, right_hand, head: left and right of the person, seen by a camera that does not mirror."""
+
     def __init__(self, skin: SkinHistogram | None = None, face_region: Box | None = None, facing: float = 1.0) -> None:
         if face_region is None and skin is None and not have_cascade():
             raise BadInput(NO_CASCADE)
         self._head = HeadTracker(FaceFinder() if have_cascade() else None, skin, away=facing < 0)
         self._region = face_region
-        self._hands, self._head_part = (
-            HandTracker(np.array([-1.0 if facing < 0 else 1.0, 1.0])),
-            TrackedPart(HEAD_ACCELERATION),
-        )
+        self._hands = HandTracker(np.array([-1.0 if facing < 0 else 1.0, 1.0]))
+        self._head_part = TrackedPart(HEAD_ACCELERATION)
         self._unnamed = abs(facing) < SIDEWAYS
         self._foreground, self._background, self._advice = ForegroundDetector(), SkinBackground(), TrackingAdvice()
         self._step: int | None = None
         self._covered = 0.0
         self._before_ns: int | None = None
         self._head_at: Floats | None = None
-
-    @property
-    def body_parts(self) -> Sequence[str]:
-        """left_hand, right_hand, head: left and right of the person, seen by a camera that does not mirror."""
-        return BODY_PARTS
 
     @property
     def skin(self) -> SkinHistogram | None:
@@ -129,7 +125,7 @@ class CamshiftTracker:
         step = self._current_step(picture)
         small = shrunk(picture, step)
         self._advice.update(self._head_part.filter is not None, self._head.face, self._covered, small, seconds)
-        masks = self._foreground.update(small, seconds, self._parts_seen(step))
+        masks = self._foreground.update(small, seconds, self._places(step, seen=True))
         skin, face, head = self._head.skin, self._head.face, self._head_at
         if skin is not None and face is not None and head is not None:
             region = _reach(head, face, step, small.shape)
@@ -158,11 +154,10 @@ class CamshiftTracker:
             self._step = wanted
         return self._step
 
-    def _parts_seen(self, step: int) -> list[tuple[Floats, float]]:
-        parts = (*self._hands.parts, self._head_part)
-        return [
-            (p.filter.centre / step, p.side / step) for p in parts if p.filter is not None and p.state is State.SEEN
-        ]
+    def _places(self, step: int, *, seen: bool) -> list[tuple[Floats, float]]:
+        """Centre and side of the parts that are followed, or only of those that are seen, px of the reduced picture."""
+        parts = ((p, p.filter) for p in (*self._hands.parts, self._head_part) if p.state is State.SEEN or not seen)
+        return [(known.centre / step, part.side / step) for part, known in parts if known is not None]
 
     def _find_head(self, picture: Picture, seconds: float) -> None:
         head = self._head_part
@@ -212,12 +207,7 @@ class CamshiftTracker:
 
     def _learn_background(self, image: BackProjection, seconds: float) -> None:
         step = image.step
-        parts = [
-            (p.filter.centre / step, p.side / step)
-            for p in (*self._hands.parts, self._head_part)
-            if p.filter is not None
-        ]
-        self._background.learn(image.skin, image.region, seconds, parts)
+        self._background.learn(image.skin, image.region, seconds, self._places(step, seen=False))
         for patch in self._hands.acquired:
             self._background.clear(patch.centre / step, float(np.sqrt(patch.area)) / step)
 

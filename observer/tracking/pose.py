@@ -87,18 +87,14 @@ class PoseTracker:
     ) -> None:
         require_hand(hand)
         self._hand, self._name = hand, name
-        self._body_parts = tuple(body_parts)
+        self.body_parts: Sequence[str] = tuple(body_parts)
+        """The parts that it finds: left and right of the person."""
         self._rows = [landmarks_of(part, hand) for part in body_parts]
         self._model, self._sides = model, SideKeeper()
         # At the latest at exit: mediapipe prints a traceback when it is deleted while open.
         self._closing = weakref.finalize(self, self._model.close)
         self._first_ns: int | None = None
         self._ms, self._someone_ms, self._choices = 0, 0, 0
-
-    @property
-    def body_parts(self) -> Sequence[str]:
-        """The parts that it finds: left and right of the person."""
-        return self._body_parts
 
     @property
     def complaint(self) -> str:

@@ -109,13 +109,9 @@ class SideKeeper:
 
     def __init__(self) -> None:
         self._memory: _Memory | None = None
-        self._exchanged = False
-        self._trust_s = 0.0
-
-    @property
-    def exchanged(self) -> bool:
+        self.exchanged = False
         """Whether the model's whole body was exchanged in the newest frame."""
-        return self._exchanged
+        self._trust_s = 0.0
 
     def update(self, landmarks: Floats, ms: int, aspect: float = 1.0) -> Floats:
         """(33, 3) u, v, visibility -> the same with the person's own sides; `landmarks` is not changed.
@@ -127,14 +123,14 @@ class SideKeeper:
         if not math.isfinite(size) or size <= 0:
             return landmarks
         if memory is None or memory.is_of_another(points, size, ms):
-            self._exchanged, self._trust_s = False, 0.0
+            self.exchanged, self._trust_s = False, 0.0
             self._memory = _Memory.of(points, size, ms)
             return landmarks
         seconds = max(ms - memory.ms, 1) / 1000
         memory.expect(seconds)
-        self._exchanged = self._is_whole_exchanged(_differences(points), memory)
+        self.exchanged = self._is_whole_exchanged(_differences(points), memory)
         self._weigh(landmarks, points, memory, seconds)
-        order = EXCHANGED if self._exchanged else np.arange(33)
+        order = EXCHANGED if self.exchanged else np.arange(33)
         order = self._with_limbs(points, memory, order)
         memory.follow(points[order], size, ms, seconds)
         return landmarks[order]
@@ -145,7 +141,7 @@ class SideKeeper:
             exchanged = _is_exchanged(differences, memory, rows, CLEARER, least)
             if exchanged is not None:
                 return exchanged
-        return self._exchanged
+        return self.exchanged
 
     def _with_limbs(self, points: Floats, memory: _Memory, order: NDArray[np.int64]) -> NDArray[np.int64]:
         """The order with the limbs exchanged that the model has exchanged against the trunk."""
@@ -159,10 +155,10 @@ class SideKeeper:
     def _weigh(self, landmarks: Floats, points: Floats, memory: _Memory, seconds: float) -> None:
         """Trust in the sides so far, by the model's own; when it is gone, the model's are taken over."""
         weight = max(1 - DOUBT + DOUBT * _consistency(landmarks, points, memory.size), LEAST_WEIGHT)
-        self._trust_s += -seconds * weight if self._exchanged else seconds * weight
+        self._trust_s += -seconds * weight if self.exchanged else seconds * weight
         self._trust_s = min(self._trust_s, TRUST_S)
         if self._trust_s < -DISTRUST_S:
-            self._exchanged, self._trust_s = False, DISTRUST_S
+            self.exchanged, self._trust_s = False, DISTRUST_S
             memory.turn()
 
 

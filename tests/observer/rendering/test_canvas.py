@@ -14,7 +14,7 @@ def test_the_matrix_determines_the_camera(yaw_rad, pitch_rad, distance, focal_px
     if abs(factor) < 0.01:
         return
     matrix = pinhole_matrix(yaw_rad, pitch_rad, distance, focal_px, (320.0, 240.0), (0.1, 1.0, 2.0))
-    lens = PinholeCamera.of(factor * matrix)
+    lens = PinholeCamera(factor * matrix)
     sight = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
     np.testing.assert_allclose(lens.centre, [0.1, 1.0, 2.0] - distance * sight, atol=1e-6)
     assert lens.focal_px == pytest.approx(focal_px)
@@ -25,7 +25,7 @@ def test_the_matrix_determines_the_camera(yaw_rad, pitch_rad, distance, focal_px
 
 
 def test_the_outline_of_a_centred_sphere_is_a_circle():
-    lens = PinholeCamera.of(pinhole_matrix(0.4, 0.2, 4.0, 600.0, (320.0, 240.0)))
+    lens = PinholeCamera(pinhole_matrix(0.4, 0.2, 4.0, 600.0, (320.0, 240.0)))
     radius_px = 0.1 * 600.0 / 4.0
     pixel, _, _, Q = lens.conic(np.zeros(3), 0.1 * np.eye(3))
     np.testing.assert_allclose(pixel, [320.0, 240.0], atol=1e-9)
@@ -39,7 +39,7 @@ def test_the_outline_is_the_tight_hull_of_the_ellipsoid(centre, seed):
     rng = np.random.default_rng(seed)
     matrix = pinhole_matrix(0.7, 0.3, 3.5, 650.0, (320.0, 240.0))
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] * [0.045, 0.09, 0.045]
-    pixel, _, _, Q = PinholeCamera.of(matrix).conic(np.array(centre), axes)
+    pixel, _, _, Q = PinholeCamera(matrix).conic(np.array(centre), axes)
     ball = rng.normal(size=(4000, 3))
     surface = np.array(centre) + (ball / np.linalg.norm(ball, axis=1, keepdims=True)) @ axes.T
     off = project(matrix, surface) - pixel
