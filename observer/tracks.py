@@ -26,6 +26,13 @@ WHOLE_BODY = (
 """All parts that pose models find, named and ordered as in the archives of depth cameras."""
 
 
+def other_side(body_parts: Sequence[str]) -> list[int]:
+    """For each part the row of its counterpart, left_hand for right_hand; its own row where there is none."""
+    row, other = {part: n for n, part in enumerate(body_parts)}, {"left": "right", "right": "left"}
+    sides = [part.partition("_") for part in body_parts]
+    return [row.get(f"{other.get(side, side)}_{part}", n) for n, (side, _, part) in enumerate(sides)]
+
+
 class State(StrEnum):
     """State of one part in one frame; only `seen` is evidence."""
 

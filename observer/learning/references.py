@@ -16,6 +16,7 @@ from observer.motion.archive import MotionArchive, Recording, movements_in
 from observer.motion.placing import placed
 from observer.motion.projected import view_tracks
 from observer.score.references import ReferenceTake, ReferenceTakes
+from observer.tracks import other_side
 
 ALL_TAKES, CHOSEN = "all", "references"
 """The word for every take, and where a model says which were chosen."""
@@ -76,8 +77,5 @@ def _references(
 
 def mirrored(recording: Recording, body_parts: Sequence[str]) -> Recording:
     """The same to the other side: left and right parts change places, and x its sign; 3-D recordings alone."""
-    place = {name: n for n, name in enumerate(body_parts)}
-    other = {"left": "right", "right": "left"}
-    sides = [name.partition("_") for name in body_parts]
-    order = [place.get(f"{other.get(side, side)}_{part}", n) for n, (side, _, part) in enumerate(sides)]
-    return replace(recording, positions=recording.positions[:, order] * np.array([-1, 1, 1], np.float32))
+    swapped = recording.positions[:, other_side(body_parts)]
+    return replace(recording, positions=swapped * np.array([-1, 1, 1], np.float32))

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from observer.features import REFERENCE_HZ
-from observer.tracks import Floats
+from observer.tracks import Floats, other_side
 
 SHORTEST_PERIOD_S = 0.25
 """What goes to and fro faster is the noise of a tracker: waving hands were never faster in kinder_gator."""
@@ -162,13 +162,6 @@ def with_other_side(oscillation: Oscillation, body_parts: Sequence[str]) -> Osci
     Left and right parts change places. Seen from the front they also go the other way, from the side they do not, and
     oblique views are in between: both are added.
     """
-    place = {name: n for n, name in enumerate(body_parts)}
-    other = [place.get(_other(name), n) for n, name in enumerate(body_parts)]
-    swapped = oscillation.axes.reshape(len(oscillation.axes), -1, 2)[:, other]
+    swapped = oscillation.axes.reshape(len(oscillation.axes), -1, 2)[:, other_side(body_parts)]
     sides = [(swapped * (sign, 1.0)).reshape(oscillation.axes.shape) for sign in (1.0, -1.0)]
     return replace(oscillation, axes=np.concatenate([oscillation.axes, *sides]), swings=np.tile(oscillation.swings, 3))
-
-
-def _other(name: str) -> str:
-    side, _, part = name.partition("_")
-    return {"left": f"right_{part}", "right": f"left_{part}"}.get(side, name)

@@ -25,11 +25,9 @@ from observer.model.chains import (
     resample_phases,
 )
 from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter
-from observer.tracks import Floats, Tracks
+from observer.tracks import BODY_PARTS, Floats, Tracks
 
 FEWEST_PHASES = 8
-USUAL_PARTS = 3
-"""The parts for which `sharpness` was chosen: hands and head."""
 STEP_SHARES = (0.4, 0.3, 0.15, 0.1, 0.05)
 """P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
@@ -67,7 +65,8 @@ class Phase:
         self.facings = int(header.parameters["facings"])
         self._share = REFERENCE_HZ / header.rate_hz
         # Parts of one body move together: the evidence of four times as many counts as that of twice as many.
-        self._shared = (USUAL_PARTS / len(parts_read(header.body_parts))) ** 0.5
+        # The parameter `sharpness` was chosen for hands and head.
+        self._shared = (len(BODY_PARTS) / len(parts_read(header.body_parts))) ** 0.5
         self._cell_of = movement_of * self.facings + facing_of
         self._postures = Postures(chains.transpose(1, 2, 0))
         # A person at rest stands as people stood before and after their movements, without moving.

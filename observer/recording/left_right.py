@@ -6,16 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.geometry.projection import Floats, project
+from observer.tracks import other_side
 
 
 def pairs_in(body_parts: Sequence[str]) -> list[tuple[int, int]]:
     """The rows of left and right parts, left_hand and right_hand and so on."""
-    rows = {part: row for row, part in enumerate(body_parts)}
-    return [
-        (row, rows[f"right_{part.removeprefix('left_')}"])
-        for part, row in rows.items()
-        if part.startswith("left_") and f"right_{part.removeprefix('left_')}" in rows
-    ]
+    others = enumerate(other_side(body_parts))
+    return [(row, other) for row, other in others if body_parts[row].startswith("left_") and other != row]
 
 
 def exchanged_back(

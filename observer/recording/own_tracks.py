@@ -14,13 +14,13 @@ from common.errors import BadInput
 from common.text import plural
 from observer.motion.archive import Recording, Span
 from observer.motion.even_rate import at_even_rate, spans_at_even_rate
-from observer.recording.tracks_ring import TracksRing
 from observer.stillness import Stillness
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
 RECORDING_HZ = 15.0
 """Default rate of recordings: most trackers find people as often on a small machine."""
 RING_S = 600.0
+FIRST_FRAMES, RING_GROWTH = 256, 1.5
 MARGIN_S = 0.25
 """Rest that stays before and after a trimmed movement."""
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
@@ -37,72 +37,88 @@ class Marked:
 
 
 class TracksRecorder:
-    """Remembers the newest tracks of one observer; recordings are cut out of them at any time.
+    """Remembers the newest tracks of one observer, in memory only; recordings are cut out of them at any time.
 
-    body_parts: names of the rows of the tracks. rate_hz: of recordings, best the model's. memory_s: older tracks are
-    forgotten. Times are `Frame.at_ns`. Not thread-safe.
+    body_parts: names of the rows of the tracks. rate_hz: of recordings, best the model's. memory_s: tracks that are
+    older than the newest by more are forgotten with the next frame. Each frame has two times in ns: that of the motion,
+    `Frame.at_ns`, in which spans are cut, and that of its capture, by which others name a moment. Not thread-safe.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float = RECORDING_HZ, memory_s: float = RING_S) -> None:
-        self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
-        self._ring = TracksRing(len(self.body_parts), memory_s)
+        self.body_parts, self.rate_hz, self.memory_s = tuple(body_parts), rate_hz, memory_s
+        self.forget()
 
-    @property
-    def memory_s(self) -> float:
-        """Older tracks than this are forgotten with the next frame."""
-        return self._ring.memory_s
-
-    @memory_s.setter
-    def memory_s(self, memory_s: float) -> None:
-        self._ring.memory_s = memory_s
+    def forget(self) -> None:
+        """Forget all tracks."""
+        # Frames begin..end-1 of the arrays are remembered: times of the motion, of capture, and tracks.
+        self._begin = self._end = 0
+        self._at_ns: NDArray[np.int64] = np.empty(0, np.int64)
+        self._captured_ns: NDArray[np.int64] = np.empty(0, np.int64)
+        self._centres: NDArray[np.float32] = np.empty((0, len(self.body_parts), 2), np.float32)
 
     @property
     def newest_ns(self) -> int | None:
         """Time of the newest frame; None before the first."""
-        return int(self._ring.at_ns[-1]) if len(self._ring) else None
+        return int(self._at_ns[self._end - 1]) if self._end else None
 
     @property
     def oldest_ns(self) -> int | None:
         """Time of the oldest frame that is still remembered."""
-        return int(self._ring.at_ns[0]) if len(self._ring) else None
+        return int(self._at_ns[self._begin]) if self._end else None
 
     @property
     def captured_ns(self) -> tuple[int, int] | None:
         """When the oldest and the newest frame were captured, Unix epoch; None before the first."""
-        times = self._ring.captured_ns
-        return (int(times[0]), int(times[-1])) if len(times) else None
+        times = self._captured_ns
+        return (int(times[self._begin]), int(times[self._end - 1])) if self._end else None
 
     def at_ns_of(self, captured_ns: int) -> int:
         """The time in the motion of a moment of capture within `captured_ns`: that of the first frame from it on."""
-        frame = int(np.searchsorted(self._ring.captured_ns, captured_ns))
-        return int(self._ring.at_ns[min(frame, len(self._ring) - 1)])
+        return int(self._at_ns[self._first_from(self._captured_ns, captured_ns)])
 
     def captured_ns_of(self, at_ns: int) -> int:
         """When the first frame from this time in the motion on was captured."""
-        frame = int(np.searchsorted(self._ring.at_ns, at_ns))
-        return int(self._ring.captured_ns[min(frame, len(self._ring) - 1)])
+        return int(self._captured_ns[self._first_from(self._at_ns, at_ns)])
 
-    def forget(self) -> None:
-        """Forget all tracks."""
-        self._ring.clear()
+    def _first_from(self, times_ns: NDArray[np.int64], moment_ns: float) -> int:
+        """The first frame from a moment on, by one of the two times; the newest if there is none."""
+        frame = self._begin + int(np.searchsorted(times_ns[self._begin : self._end], moment_ns))
+        return min(frame, self._end - 1)
 
     def update(self, frame: Frame, tracks: Tracks) -> None:
         """Take in what the tracker found in a frame: centres (P, 2), NaN where not seen.
 
         If the clock is set back, all earlier tracks are forgotten, because nothing can be cut out of two times.
         """
-        ring = self._ring
-        if len(ring) and frame.at_ns == ring.at_ns[-1]:
+        newest = self._end - 1
+        if self._end and frame.at_ns == self._at_ns[newest]:
             return
-        if len(ring) and (frame.at_ns < ring.at_ns[-1] or frame.captured_ns < ring.captured_ns[-1]):
-            ring.clear()
-        ring.append(frame.at_ns, frame.captured_ns, tracks.centres)
+        if self._end and (frame.at_ns < self._at_ns[newest] or frame.captured_ns < self._captured_ns[newest]):
+            self.forget()
+        if self._end == len(self._at_ns):
+            self._make_room()
+        self._at_ns[self._end], self._captured_ns[self._end] = frame.at_ns, frame.captured_ns
+        self._centres[self._end] = tracks.centres
+        self._end += 1
+        oldest_ns = frame.at_ns - self.memory_s * SECOND_NS
+        while self._at_ns[self._begin] < oldest_ns:
+            self._begin += 1
+
+    def _make_room(self) -> None:
+        """Move the frames to the front of new arrays, which grow only if less than a third is free there."""
+        remembered, frames = slice(self._begin, self._end), self._end - self._begin
+        free = max(FIRST_FRAMES, round(RING_GROWTH * frames)) - frames
+        more = np.zeros((free, len(self.body_parts), 2), np.float32)
+        self._at_ns = np.append(self._at_ns[remembered], np.zeros(free, np.int64))
+        self._captured_ns = np.append(self._captured_ns[remembered], np.zeros(free, np.int64))
+        self._centres = np.append(self._centres[remembered], more, axis=0)
+        self._begin, self._end = 0, frames
 
     def newest(self, seconds: float) -> Floats:
         """The centres (F, P, 2) of the last so many seconds, as the tracker found them."""
-        at_ns = self._ring.at_ns
-        begin = np.searchsorted(at_ns, at_ns[-1] - seconds * SECOND_NS) if len(at_ns) else 0
-        return self._ring.centres[begin:].astype(np.float64)
+        newest_ns = self.newest_ns
+        begin = 0 if newest_ns is None else self._first_from(self._at_ns, newest_ns - seconds * SECOND_NS)
+        return self._centres[begin : self._end].astype(np.float64)
 
     def cut(
         self,
@@ -119,11 +135,12 @@ class TracksRecorder:
         label: the movement that it shows; "": several, which are `marked`, or none. Raises BadInput, one line for
         people, if there are fewer than two frames or no part was seen in any.
         """
-        begin, end = np.searchsorted(self._ring.at_ns, begin_ns), np.searchsorted(self._ring.at_ns, end_ns, "right")
-        at_ns = self._ring.at_ns[begin:end]
+        known_ns, centres = self._at_ns[self._begin : self._end], self._centres[self._begin : self._end]
+        begin, end = np.searchsorted(known_ns, begin_ns), np.searchsorted(known_ns, end_ns, "right")
+        at_ns = known_ns[begin:end]
         if len(at_ns) < 2:
             raise BadInput(f"{len(at_ns)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
-        positions = at_even_rate(at_ns, self._ring.centres[begin:end].astype(np.float64), self.rate_hz)
+        positions = at_even_rate(at_ns, centres[begin:end].astype(np.float64), self.rate_hz)
         if not np.isfinite(positions).any():
             raise BadInput("nobody was seen: labanmesh camera look shows whether the camera sees head and hands")
         return Recording(positions, self.rate_hz, label, subject, trial, self._spans(at_ns, marked))

@@ -67,12 +67,6 @@ class PinholeCamera:
         g = WB.T @ Wv
         return pixel, WB, Wv, WB.T @ WB - np.outer(g, g) / float(Wv @ Wv)
 
-    def outline_area(self, centre: Floats, axes: Floats) -> float:
-        """Area in px of the ellipsoid's outline; 0 behind the camera."""
-        if self.project(centre[None])[1][0] < NEAREST:
-            return 0.0
-        return float(np.pi / np.sqrt(np.linalg.det(self.conic(centre, axes)[3])))
-
 
 Picture = NDArray[np.uint8]
 

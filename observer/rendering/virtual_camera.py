@@ -1,4 +1,4 @@
-"""Pictures of a performer from a virtual camera, with ground truth; and a frame source that renders recorded motion."""
+"""Pictures of a performer from a virtual camera; and a frame source that renders recorded motion."""
 
 import threading
 import zlib
@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.projection import Floats, pinhole_matrix
@@ -14,8 +13,8 @@ from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.body import Stature, pose, stature
-from observer.rendering.canvas import NEAREST, NOBODY_VALUE, Canvas, Picture, PinholeCamera, draw
-from observer.rendering.figure import Appearance, SkinEllipsoid, appearance_of, shapes
+from observer.rendering.canvas import NOBODY_VALUE, Canvas, Picture, PinholeCamera, draw
+from observer.rendering.figure import Appearance, appearance_of, shapes
 from observer.rendering.scenery import Scenery, add_noise, background, occlude, relight
 from observer.tracks import BODY_PARTS, Frame
 
@@ -23,22 +22,6 @@ SUB_FRAMES = 6
 """Most instants of an exposure that are averaged for motion blur."""
 BLUR_STEP_PX = 4.0
 """Motion between two such instants, px; less motion needs fewer instants."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Truth:
-    """Ground truth of a picture. centres: (P, 2) px, NaN for a part that is not visible.
-
-    shares: (P,) visible share of each part's outline, 0 to 1; the rest is occluded or outside the picture. The outline
-    of a head includes its hair.
-    """
-
-    centres: Floats
-    shares: Floats
-
-    def visible(self, share: float = 0.3) -> NDArray[np.bool_]:
-        """(P,) whether at least that share of each part is visible."""
-        return self.shares >= share
 
 
 class Renderer:
@@ -87,19 +70,6 @@ class Renderer:
         lit = relight(canvas.picture, self._scenery, self._seed, frame_number)
         return add_noise(lit, self._scenery, self._seed, frame_number)
 
-    def visible_truth(self, positions: Floats, frame_number: int, before: Floats | None = None) -> Truth:
-        """Ground truth of `picture`; with motion blur, in the middle of the exposure."""
-        instants = self._exposure(positions, before)
-        middle = (instants[0] + instants[-1]) / 2
-        canvas = self._drawn(middle)
-        occlude(canvas, self._scenery, frame_number)
-        parts = np.arange(len(BODY_PARTS))
-        counts = np.bincount(canvas.owner.ravel(), minlength=NOBODY_VALUE + 1)[parts]
-        shares = np.minimum(counts / np.maximum(self._outline_areas(middle), 1.0), 1.0)
-        pixels, depth = self._camera.project(np.nan_to_num(middle))
-        visible = (counts > 0) & (depth > NEAREST)
-        return Truth(np.where(visible[:, None], pixels, np.nan), np.where(visible, shares, 0.0))
-
     def _exposure(self, positions: Floats, before: Floats | None) -> list[Floats]:
         """The positions at the instants that are averaged."""
         positions = np.asarray(positions, dtype=np.float64)
@@ -125,15 +95,6 @@ class Renderer:
         if body is not None:
             draw(canvas, self._camera, shapes(body, self._appearance), self._appearance)
         return canvas
-
-    def _outline_areas(self, positions: Floats) -> Floats:
-        """(P,) area in px of each part without occlusion; 0 where it is unknown or behind the camera."""
-        areas = np.zeros(len(BODY_PARTS))
-        body = pose(positions, self._standing or stature(positions[None]))
-        for shape in shapes(body, self._appearance) if body is not None else ():
-            if isinstance(shape, SkinEllipsoid):
-                areas[shape.part] = self._camera.outline_area(shape.centre, shape.axes)
-        return areas
 
 
 DISTANCE = 3.5
@@ -193,7 +154,7 @@ class VirtualCamera:
         return self.motion.shown(stop, _Filming(self).picture)
 
     def renderer(self, recording: Recording) -> Renderer:
-        """The renderer of a recording; it gives the ground truth for the same positions and frame numbers."""
+        """The renderer of a recording."""
         standing = stature(recording.positions[:, _rows_of(self.motion.body_parts)])
         matrix = aimed_matrix(self.view, standing, self.size_px)
         appearance = appearance_of(zlib.crc32(recording.subject.encode()))

@@ -35,9 +35,6 @@ def _each_once(columns: Sequence[int | None]) -> bool:
     return len(taken) == len(set(taken))
 
 
-_EYE = np.eye(2)
-
-
 class ConstantVelocityFilter:
     """Kalman filter with a constant velocity and white-noise acceleration; state (4,): u, v, du/dt, dv/dt in px, px/s.
 
@@ -58,16 +55,6 @@ class ConstantVelocityFilter:
     def variance(self) -> float:
         """Innovation variance in px²: of a measurement about `centre`, along either axis."""
         return self._p + self._noise**2
-
-    @property
-    def state(self) -> Floats:
-        """(4,): centre and velocity."""
-        return np.concatenate([self.centre, self.velocity])
-
-    @property
-    def covariance(self) -> Floats:
-        """(4, 4): of the state."""
-        return np.kron(np.array([[self._p, self._c], [self._c, self._q]]), _EYE)
 
     def predict(self, seconds: float) -> None:
         """Predict `seconds` (≥ 0) ahead."""

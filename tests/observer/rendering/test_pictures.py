@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_stage import rejected
+from rendered_truth import visible_truth
 
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
 from observer.rendering.body import Stature
@@ -68,7 +69,7 @@ def test_hands_are_drawn_at_their_projections(yaw_deg):
         view = renderer(yaw_deg, seed=seed)
         centres, _ = blobs(view.picture(APART, 0))
         wanted = project(camera(yaw_deg), APART)
-        truth = view.visible_truth(APART, 0)
+        truth = visible_truth(view, APART, 0)
         np.testing.assert_allclose(truth.centres, wanted, atol=1e-9)
         for hand in (LEFT, RIGHT):
             if truth.shares[hand] > 0.85:
@@ -81,7 +82,7 @@ def test_hands_are_drawn_at_their_projections(yaw_deg):
 def test_a_free_hand_is_drawn_at_its_projection(place, yaw_deg, pitch_deg):
     positions = with_(RIGHT, place)
     view = renderer(yaw_deg, pitch_deg)
-    truth = view.visible_truth(positions, 0)
+    truth = visible_truth(view, positions, 0)
     if truth.shares[RIGHT] > 0.9:
         centres, _ = blobs(view.picture(positions, 0))
         gap = np.linalg.norm(centres - project(camera(yaw_deg, pitch_deg), positions)[RIGHT], axis=1).min()
@@ -137,7 +138,7 @@ def test_only_skin_has_the_colour_of_skin(seed):
 )
 def test_occlusion(hand, position, yaw_deg, hand_share, head_share):
     positions = with_(hand, position)
-    truth = renderer(yaw_deg).visible_truth(positions, 0)
+    truth = visible_truth(renderer(yaw_deg), positions, 0)
     for part, (least, most) in ((hand, hand_share), (HEAD, head_share)):
         assert least <= truth.shares[part] <= most
         assert np.isnan(truth.centres[part]).all() == (truth.shares[part] == 0)
@@ -149,7 +150,7 @@ def test_occlusion(hand, position, yaw_deg, hand_share, head_share):
 def test_an_unseen_part_is_not_drawn(part):
     view = renderer(appearance=appearance_of(5))
     positions = with_(part, np.nan)
-    truth = view.visible_truth(positions, 0)
+    truth = visible_truth(view, positions, 0)
     assert truth.shares[part] == 0 and np.isnan(truth.centres[part]).all()
     assert truth.visible().sum() == 2
     centres, _ = blobs(view.picture(positions, 0))
@@ -159,7 +160,7 @@ def test_an_unseen_part_is_not_drawn(part):
 def test_an_unseen_person_leaves_the_background():
     empty = renderer().picture(UNSEEN, 0)
     assert (empty == renderer(90.0).picture(UNSEEN, 0)).all() and (empty != renderer().picture(APART, 0)).any()
-    assert not renderer().visible_truth(UNSEEN, 0).visible().any()
+    assert not visible_truth(renderer(), UNSEEN, 0).visible().any()
 
 
 def test_noise_has_its_deviation_and_differs_between_frames():
@@ -190,14 +191,14 @@ def test_sudden_light_jumps_at_its_frames_only():
 def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
     u, v = project(camera(), APART)[RIGHT] / SIZE
     view = renderer(occluders=(Occluder(u - 0.1, v - 0.1, 0.2, 0.2, first=5, end=8),))
-    hidden = [not view.visible_truth(APART, frame).visible()[RIGHT] for frame in range(10)]
+    hidden = [not visible_truth(view, APART, frame).visible()[RIGHT] for frame in range(10)]
     assert hidden == [5 <= frame < 8 for frame in range(10)]
     clean = renderer().picture(APART, 0)
     rows, columns = np.nonzero((view.picture(APART, 6) != clean).any(axis=2))
     assert (columns.min(), columns.max()) == pytest.approx(((u - 0.1) * 640, (u + 0.1) * 640), abs=2)
     assert (rows.min(), rows.max()) == pytest.approx(((v - 0.1) * 480, (v + 0.1) * 480), abs=2)
     assert (view.picture(APART, 8) == clean).all()
-    assert view.visible_truth(APART, 6).visible()[LEFT]
+    assert visible_truth(view, APART, 6).visible()[LEFT]
 
 
 def test_blur_affects_moving_parts_only():
@@ -209,7 +210,7 @@ def test_blur_affects_moving_parts_only():
     u, v = project(camera(), (APART + before) / 2)[RIGHT]
     column = np.abs(picture.astype(int) - sharp.picture(with_(RIGHT, np.nan), 0)).sum(axis=2)[:, round(u)] > 20
     assert np.flatnonzero(column[: round(v) + 15]).min() < v - 20
-    truth = blurred.visible_truth(APART, 0, before)
+    truth = visible_truth(blurred, APART, 0, before)
     assert truth.centres[RIGHT] == pytest.approx((u, v), abs=1e-9)
     untouched = np.s_[:, 360:]  # seen from the front, the left hand is on the right of the picture
     assert skin(picture[untouched]).any()

@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 from observer_stage import rejected
+from rendered_truth import visible_truth
 
 from observer.geometry.projection import project
 from observer.geometry.views import View, parse_view
@@ -57,7 +58,7 @@ def test_the_renderer_of_a_recording_gives_the_ground_truth():
     renderer = source.renderer(played)
     for number, picture in enumerate(pictures(source)):
         np.testing.assert_array_equal(renderer.picture(played.positions[number], number), picture)
-        assert renderer.visible_truth(played.positions[number], number).visible().all()
+        assert visible_truth(renderer, played.positions[number], number).visible().all()
 
 
 def test_the_performers_position_does_not_matter():
@@ -109,7 +110,7 @@ def test_recorded_people_are_in_the_picture(msr, view):
     for number, recorded in enumerate(msr.recordings[::80]):
         source = camera(recorded, view=view, scenery=Scenery(BACKGROUNDS[number % 3], noise=3.0))
         renderer = source.renderer(recorded)
-        truths = [renderer.visible_truth(positions, 0) for positions in recorded.positions[::20]]
+        truths = [visible_truth(renderer, positions, 0) for positions in recorded.positions[::20]]
         seen = np.isfinite(recorded.positions[::20]).all(axis=2)
         assert np.mean([truth.shares[2] > 0.3 for truth, known in zip(truths, seen, strict=True) if known[2]]) > 0.8
         assert renderer.picture(recorded.positions[0], 0).shape == (480, 640, 3)
