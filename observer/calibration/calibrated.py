@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from common.errors import BadInput
@@ -61,7 +60,9 @@ def rotation(values: Sequence[object], what: str) -> Floats:
     except (TypeError, ValueError):
         array = np.zeros(0)
     if array.shape == (3,) and np.isfinite(array).all():
-        return np.asarray(cv2.Rodrigues(array)[0], np.float64)
+        from scipy.spatial.transform import Rotation
+
+        return np.asarray(Rotation.from_rotvec(array).as_matrix(), np.float64)
     if array.shape != (3, 3) or not np.allclose(array @ array.T, np.eye(3), atol=1e-3) or np.linalg.det(array) < 0:
         expected = "3 numbers (Rodrigues vector) or an orthogonal 3x3 matrix with determinant 1"
         raise BadInput(f"{what}: not a rotation; expected {expected}")
