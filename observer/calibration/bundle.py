@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 
 from observer.calibration.sparse_least_squares import (
-    LeastSquaresResult,
     ParameterLayout,
     SparseJacobian,
     least_robust_squares,
@@ -95,7 +94,7 @@ def bundle_adjust(
     and k2. Measured on held-out pictures, more terms do not help and turn cameras instead.
     """
     problem = _Problem(corners, lenses, cameras, boards, centres_px or {})
-    return problem.unpack(least_robust_squares(problem.evaluate, problem.start, ROBUST_PX / NOISE_PX))
+    return problem.unpack(*least_robust_squares(problem.evaluate, problem.start, ROBUST_PX / NOISE_PX))
 
 
 class _Problem:
@@ -110,17 +109,17 @@ class _Problem:
         centres_px: Mapping[str, tuple[float, float]],
     ) -> None:
         self._corners, self._lenses = corners, lenses
-        self._at = at = ParameterLayout(tuple(cameras), tuple(boards), tuple(centres_px), len(corners))
+        self._at = at = ParameterLayout(cameras, boards, centres_px, len(corners))
         self.start = np.zeros(at.size)
         sides = {c.behind for c in corners}
         self._two_sided = len(sides) == 2
         for name, transform in cameras.items():
-            self.start[at.camera(name)] = _vector(transform)
+            self.start[at.cameras[name]] = _vector(transform)
         for number, transform in boards.items():
-            self.start[at.board(number)] = _vector(transform)
+            self.start[at.boards[number]] = _vector(transform)
         for name, centre in centres_px.items():
             K, distortion = lenses[name]
-            self.start[at.lens(name)] = [(K[0, 0] + K[1, 1]) / 2, *centre, distortion[0], 0.0]
+            self.start[at.lenses[name]] = [(K[0, 0] + K[1, 1]) / 2, *centre, distortion[0], 0.0]
         self._prior, self._width = self._expected(cameras, centres_px)
 
     def _expected(
@@ -128,9 +127,9 @@ class _Problem:
     ) -> tuple[Floats, Floats]:
         """Mean and standard deviation of the prior of every unknown; infinite where nothing is known."""
         at, width = self._at, np.full(self._at.size, np.inf)
-        width[at.camera(next(iter(cameras)))] = 1e-6
+        width[at.cameras[next(iter(cameras))]] = 1e-6
         for name, centre in centres_px.items():
-            width[at.lens(name)][1:3] = 2 * CENTRE * max(centre)
+            width[at.lenses[name]][1:3] = 2 * CENTRE * max(centre)
         width[at.time_offsets] = TIME_OFFSET
         width[at.back] = [BACK_M, BACK_M, BACK_M, BACK_RAD] if self._two_sided else 1e-9
         return self.start.copy(), width
@@ -139,7 +138,7 @@ class _Problem:
         """The lens of this camera at `x`."""
         if name not in self._at.lenses:
             return self._lenses[name]
-        f, u, v, k1, k2 = x[self._at.lens(name)]
+        f, u, v, k1, k2 = x[self._at.lenses[name]]
         return np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])
 
     def evaluate(self, x: Floats) -> tuple[Floats, SparseJacobian]:
@@ -155,31 +154,30 @@ class _Problem:
         at, back, moment = self._at, x[self._at.back], x[self._at.time_offsets][n]
         rotated = np.column_stack([-c.points[:, 1], c.points[:, 0], np.zeros(len(c.points))])
         points = c.points + back[:3] + back[3] * rotated if c.behind else c.points
-        poses = x[at.board(c.number)], x[at.camera(c.camera)]
+        poses = x[at.boards[c.number]], x[at.cameras[c.camera]]
         off, by_board, by_camera, by_point, by_lens = project_board(points, self.optics(c.camera, x), *poses)
         blocks.begin(len(off))
-        blocks.add(at.board(c.number), by_board / NOISE_PX)
-        blocks.add(at.camera(c.camera), by_camera / NOISE_PX)
+        blocks.add(at.boards[c.number], by_board / NOISE_PX)
+        blocks.add(at.cameras[c.camera], by_camera / NOISE_PX)
         blocks.add(slice(at.time_offsets.start + n, at.time_offsets.start + n + 1), -c.speeds.reshape(-1, 1) / NOISE_PX)
         if c.behind:
             turned = np.einsum("nij,nj->ni", by_point, rotated).reshape(-1, 1)
             blocks.add(at.back, np.hstack([by_point.reshape(-1, 3), turned]) / NOISE_PX)
         if c.camera in at.lenses:
-            blocks.add(at.lens(c.camera), by_lens / NOISE_PX)
+            blocks.add(at.lenses[c.camera], by_lens / NOISE_PX)
         result: Floats = off - (c.pixels + moment * c.speeds).ravel()
         return result
 
-    def unpack(self, result: LeastSquaresResult) -> RigExtrinsics:
+    def unpack(self, x: Floats, residuals: Floats) -> RigExtrinsics:
         """The vector of unknowns as cameras, boards and lenses."""
-        x, at, ends = result.x, self._at, np.cumsum([2 * len(c.points) for c in self._corners])
+        at, ends = self._at, np.cumsum([2 * len(c.points) for c in self._corners])
         residuals_px: dict[str, dict[int, Floats]] = {name: {} for name in at.cameras}
-        for corner, off in zip(
-            self._corners, np.split(result.residuals[: ends[-1]] * NOISE_PX, ends[:-1]), strict=True
-        ):
+        off_px = np.split(residuals[: ends[-1]] * NOISE_PX, ends[:-1])
+        for corner, off in zip(self._corners, off_px, strict=True):
             residuals_px[corner.camera][corner.number] = off.reshape(-1, 2)
         return RigExtrinsics(
-            {name: _transform(x[at.camera(name)]) for name in at.cameras},
-            {number: _transform(x[at.board(number)]) for number in at.boards},
+            {name: _transform(x[place]) for name, place in at.cameras.items()},
+            {number: _transform(x[place]) for number, place in at.boards.items()},
             {name: self.optics(name, x) for name in at.cameras},
             residuals_px,
             float(np.sqrt(np.mean(x[at.time_offsets] ** 2))),

@@ -1,7 +1,6 @@
 """Robust sparse least squares (Levenberg-Marquardt), and the layout of the bundle adjustment's unknowns; pure."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -18,49 +17,22 @@ POSE, LENS, BACK = 6, 5, 4
 """Number of unknowns of a pose (rotation vector, translation), a lens (f, cu, cv, k1, k2) and the board's back."""
 
 
-@dataclass(frozen=True, slots=True)
 class ParameterLayout:
-    """Slices of the vector of unknowns, in this order: cameras, boards, lenses, time offsets, back."""
+    """Slices of the vector of unknowns, in this order: cameras, boards, lenses, time offsets, back.
 
-    cameras: tuple[str, ...]
-    boards: tuple[int, ...]
-    lenses: tuple[str, ...]
-    detections: int
-    _starts: dict[str | int, int] = field(init=False, repr=False)
+    cameras, lenses: by camera; boards: by the number of the picture. size: number of unknowns.
+    """
 
-    def __post_init__(self) -> None:
-        # Cameras are named by text and boards by number, so that one table holds both.
-        starts = {key: POSE * n for n, key in enumerate([*self.cameras, *self.boards])}
-        object.__setattr__(self, "_starts", starts)
+    def __init__(self, cameras: Iterable[str], boards: Iterable[int], lenses: Iterable[str], detections: int) -> None:
+        self.size = 0
+        self.cameras = {name: self._next(POSE) for name in cameras}
+        self.boards = {number: self._next(POSE) for number in boards}
+        self.lenses = {name: self._next(LENS) for name in lenses}
+        self.time_offsets, self.back = self._next(detections), self._next(BACK)
 
-    def camera(self, name: str) -> slice:
-        """The pose of a camera."""
-        return slice(self._starts[name], self._starts[name] + POSE)
-
-    def board(self, number: int) -> slice:
-        """The pose of the board in this picture."""
-        return slice(self._starts[number], self._starts[number] + POSE)
-
-    def lens(self, name: str) -> slice:
-        """The lens of a camera."""
-        start = POSE * (len(self.cameras) + len(self.boards)) + LENS * self.lenses.index(name)
-        return slice(start, start + LENS)
-
-    @property
-    def time_offsets(self) -> slice:
-        """The time offsets of all detections."""
-        start = POSE * (len(self.cameras) + len(self.boards)) + LENS * len(self.lenses)
-        return slice(start, start + self.detections)
-
-    @property
-    def back(self) -> slice:
-        """The pose of the pattern on the board's back."""
-        return slice(self.time_offsets.stop, self.time_offsets.stop + BACK)
-
-    @property
-    def size(self) -> int:
-        """Number of unknowns."""
-        return int(self.back.stop)
+    def _next(self, width: int) -> slice:
+        self.size += width
+        return slice(self.size - width, self.size)
 
 
 class SparseJacobian:
@@ -100,22 +72,14 @@ HOPELESS = 1e9
 """Damping from which a step is too small to matter."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LeastSquaresResult:
-    """x: (U,) the unknowns. residuals: (R,) at x. cost: the robust sum of squares."""
-
-    x: Floats
-    residuals: Floats
-    cost: float
-
-
 def least_robust_squares(
     evaluate: Callable[[Floats], tuple[Floats, SparseJacobian]], start: Floats, soft: float
-) -> LeastSquaresResult:
+) -> tuple[Floats, Floats]:
     """Minimise the sum of soft²(√(1 + (r/soft)²) - 1) from `start`: r²/2 for small r, soft·|r| for large.
 
-    evaluate: x -> residuals (R,), any unit, and their Jacobian. Each step solves the normal equations weighted by
-    1/√(1 + (r/soft)²) (Triggs et al. 2000, section 4.3), with the damping raised until the cost falls.
+    Returns the unknowns (U,) and the residuals (R,) at the minimum. evaluate: x -> residuals, any unit, and their
+    Jacobian. Each step solves the normal equations weighted by 1/√(1 + (r/soft)²) (Triggs et al. 2000, section 4.3),
+    with the damping raised until the cost falls.
     """
     x, damping = start, 1e-3
     residuals, blocks = evaluate(x)
@@ -138,7 +102,7 @@ def least_robust_squares(
         damping = max(damping / 5, 1e-9)
         if gain <= ENOUGH * cost:
             break
-    return LeastSquaresResult(x, residuals, cost)
+    return x, residuals
 
 
 def _step(normal: "csr_array[np.float64]", downhill: Floats, damping: float) -> Floats:

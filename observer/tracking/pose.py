@@ -86,7 +86,7 @@ class PoseTracker:
         self, model: PoseModel, name: str, hand: Hand = "palm", body_parts: Sequence[str] = BODY_PARTS
     ) -> None:
         require_hand(hand)
-        self._hand, self._name = hand, name
+        self._name = name
         self.body_parts: Sequence[str] = tuple(body_parts)
         """The parts that it finds: left and right of the person."""
         self._rows = [landmarks_of(part, hand) for part in body_parts]
