@@ -39,27 +39,26 @@ Clock = Callable[[], int]
 Item = tuple[int, Picture | None, PreviewFrame]
 
 
-def open_preview(target: str, rate_hz: float, *, keep_all: bool = False, folder: Path | None = None) -> "PreviewThread":
+def open_preview(target: str, rate_hz: float, *, keep_all: bool = False) -> "PreviewThread":
     """Open `target`: `window`, FILE.mp4, FILE.avi, FILE.png, a name with %d, or a folder of pictures.
 
     rate_hz: of a film. keep_all: paint every picture even if the observer must wait, for recordings played as fast as
-    possible; otherwise a newer picture replaces a waiting one. Relative names are below `folder`.
+    possible; otherwise a newer picture replaces a waiting one.
 
     Where no window can be opened, logs the reason and writes FALLBACK. Raises BadInput for an unknown target and for a
     file that cannot be written.
     """
-    path = (folder or Path()) / target
     if target == "window":
         reason = why_no_window()
         if not reason:
             return PreviewThread(Window("labanmesh"), keep_all=False)
-        path = (folder or Path()) / FALLBACK
-        log.warning("cannot open a window: %s; the preview is written to %s", reason, path)
-        return PreviewThread(Film(path, rate_hz, keep_all, unnamed=True), keep_all)
-    return PreviewThread(_outlet(target, path, rate_hz, keep_all), keep_all)
+        log.warning("cannot open a window: %s; the preview is written to %s", reason, FALLBACK)
+        return PreviewThread(Film(FALLBACK, rate_hz, keep_all, unnamed=True), keep_all)
+    return PreviewThread(_outlet(target, rate_hz, keep_all), keep_all)
 
 
-def _outlet(target: str, path: Path, rate_hz: float, keep_all: bool) -> Outlet:
+def _outlet(target: str, rate_hz: float, keep_all: bool) -> Outlet:
+    path = Path(target)
     suffix = path.suffix.lower()
     if suffix in CODECS:
         return Film(path, rate_hz, keep_all)

@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from common import SECOND_NS
 from common.errors import BadInput
 from common.text import plural
-from observer.motion.archive import Recording, Span
-from observer.motion.even_rate import at_even_rate, spans_at_even_rate
+from observer.motion.archive import Recording
+from observer.motion.even_rate import at_even_rate
 from observer.stillness import Stillness
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
@@ -25,15 +25,6 @@ MARGIN_S = 0.25
 """Rest that stays before and after a trimmed movement."""
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
 """The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
-
-
-@dataclass(frozen=True, slots=True)
-class Marked:
-    """A movement within a continuous recording, from `begin_ns` to before `end_ns` in the times of its frames."""
-
-    begin_ns: int
-    end_ns: int
-    label: str
 
 
 class TracksRecorder:
@@ -120,20 +111,11 @@ class TracksRecorder:
         begin = 0 if newest_ns is None else self._first_from(self._at_ns, newest_ns - seconds * SECOND_NS)
         return self._centres[begin : self._end].astype(np.float64)
 
-    def cut(
-        self,
-        begin_ns: int,
-        end_ns: int,
-        *,
-        label: str = "",
-        subject: str,
-        trial: str = "",
-        marked: Sequence[Marked] = (),
-    ) -> Recording:
+    def cut(self, begin_ns: int, end_ns: int, *, label: str = "", subject: str, trial: str = "") -> Recording:
         """What was found from `begin_ns` to `end_ns`, at the recorder's rate.
 
-        label: the movement that it shows; "": several, which are `marked`, or none. Raises BadInput, one line for
-        people, if there are fewer than two frames or no part was seen in any.
+        label: the movement that it shows; "": none. Raises BadInput, one line for people, if there are fewer than two
+        frames or no part was seen in any.
         """
         known_ns, centres = self._at_ns[self._begin : self._end], self._centres[self._begin : self._end]
         begin, end = np.searchsorted(known_ns, begin_ns), np.searchsorted(known_ns, end_ns, "right")
@@ -143,12 +125,7 @@ class TracksRecorder:
         positions = at_even_rate(at_ns, centres[begin:end].astype(np.float64), self.rate_hz)
         if not np.isfinite(positions).any():
             raise BadInput("nobody was seen: labanmesh camera look shows whether the camera sees head and hands")
-        return Recording(positions, self.rate_hz, label, subject, trial, self._spans(at_ns, marked))
-
-    def _spans(self, at_ns: NDArray[np.int64], marked: Sequence[Marked]) -> tuple[Span, ...]:
-        ends = [(*np.searchsorted(at_ns, (mark.begin_ns, mark.end_ns)).tolist(), mark.label) for mark in marked]
-        spans = [Span(begin, end, label) for begin, end, label in sorted(ends) if begin < end]
-        return spans_at_even_rate(spans, at_ns, self.rate_hz)
+        return Recording(positions, self.rate_hz, label, subject, trial)
 
 
 def watched_parts(body_parts: Sequence[str]) -> tuple[str, ...]:

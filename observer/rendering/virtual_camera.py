@@ -4,6 +4,7 @@ import threading
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -138,16 +139,12 @@ class VirtualCamera:
     size_px: tuple[int, int] = (640, 480)
     scenery: Scenery = PERFECT
     seed: int = 0
+    body_parts: ClassVar[Sequence[str]] = BODY_PARTS
 
     @property
     def rate_hz(self) -> float:
         """Frames per second of motion."""
         return self.motion.rate_hz
-
-    @property
-    def body_parts(self) -> Sequence[str]:
-        """The parts that the pictures show."""
-        return BODY_PARTS
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each picture, rendered when it is due; ends soon after `stop` is set."""

@@ -42,21 +42,11 @@ SIZE_PX = (640, 480)
 """Default size of the virtual camera's pictures, where the camera file has none."""
 
 
-@dataclass(frozen=True, slots=True)
 class UnmirroredSource:
     """Flips the pictures of a mirrored source, such as a webcam in selfie mode, so that right is right again."""
 
-    mirrored: FrameSource
-
-    @property
-    def rate_hz(self) -> float:
-        """The rate of the mirrored source."""
-        return self.mirrored.rate_hz
-
-    @property
-    def body_parts(self) -> Sequence[str]:
-        """The body parts of the mirrored source."""
-        return self.mirrored.body_parts
+    def __init__(self, mirrored: FrameSource) -> None:
+        self.mirrored, self.rate_hz, self.body_parts = mirrored, mirrored.rate_hz, mirrored.body_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """The same frames, each flipped horizontally."""

@@ -54,9 +54,10 @@ class RecordingOutlet:
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "a.avi"])
-def test_a_film_has_all_pictures_and_replaces_another_when_it_is_complete(tmp_path, name):
+def test_a_film_has_all_pictures_and_replaces_another_when_it_is_complete(monkeypatch, tmp_path, name):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_bytes(b"earlier")
-    with open_preview(name, 10.0, keep_all=True, folder=tmp_path) as preview:
+    with open_preview(name, 10.0, keep_all=True) as preview:
         for number in range(12):
             preview.show(picture(number), SHOWN)
         assert (tmp_path / name).read_bytes() == b"earlier"
@@ -67,8 +68,9 @@ def test_a_film_has_all_pictures_and_replaces_another_when_it_is_complete(tmp_pa
     assert np.abs(np.diff([float(np.median(p[250:350, 20:100])) for p in read]) - 10).max() < 6
 
 
-def test_a_film_without_pictures_is_removed(tmp_path, caplog):
-    with caplog.at_level(logging.WARNING), open_preview("a.mp4", 10.0, folder=tmp_path):
+def test_a_film_without_pictures_is_removed(monkeypatch, tmp_path, caplog):
+    monkeypatch.chdir(tmp_path)
+    with caplog.at_level(logging.WARNING), open_preview("a.mp4", 10.0):
         pass
     assert not list(tmp_path.iterdir()) and "no picture was shown" in caplog.text
 
@@ -108,11 +110,12 @@ def test_a_film_keeps_real_time(tmp_path):
         ("folder.mp4", "is a folder"),
     ],
 )
-def test_an_unwritable_target_is_rejected_and_leaves_no_file(tmp_path, target, message):
+def test_an_unwritable_target_is_rejected_and_leaves_no_file(monkeypatch, tmp_path, target, message):
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.mp4").mkdir()
     with rejected(message):
-        open_preview(target, 10.0, folder=tmp_path)
+        open_preview(target, 10.0)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.mp4"]
 
 
@@ -124,8 +127,9 @@ def test_an_unwritable_target_is_rejected_and_leaves_no_file(tmp_path, target, m
         ("newest.png", ["newest.png"]),
     ],
 )
-def test_stills_are_separate_files(tmp_path, target, names):
-    with open_preview(target, 10.0, keep_all=True, folder=tmp_path) as preview:
+def test_stills_are_separate_files(monkeypatch, tmp_path, target, names):
+    monkeypatch.chdir(tmp_path)
+    with open_preview(target, 10.0, keep_all=True) as preview:
         for number in range(3):
             preview.show(picture(number + 1), SHOWN)
     files = sorted(p for p in tmp_path.rglob("*") if p.is_file())
@@ -199,8 +203,9 @@ def test_reasons_for_no_window(monkeypatch, environment, platform, built, messag
 
 
 def test_a_film_is_written_when_no_window_can_be_opened(monkeypatch, tmp_path, caplog):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(screen, "why_no_window", lambda: "there is no display")
-    with caplog.at_level(logging.WARNING), open_preview("window", 10.0, folder=tmp_path) as preview:
+    with caplog.at_level(logging.WARNING), open_preview("window", 10.0) as preview:
         preview.show(picture(1), SHOWN)
     assert Video.open(tmp_path / FALLBACK).size_px == SIZE
     assert (tmp_path / FALLBACK).stat().st_mode & 0o777 == 0o600, "nobody has asked for this film of a person"

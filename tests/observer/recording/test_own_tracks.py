@@ -8,10 +8,10 @@ import pytest
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from observer.motion.archive import Span, TracksCamera
+from observer.motion.archive import TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.motion.even_rate import at_even_rate
-from observer.recording.own_tracks import Marked, TracksRecorder, moving_frames, seen_shares, trimmed
+from observer.recording.own_tracks import TracksRecorder, moving_frames, seen_shares, trimmed
 from observer.recording.tracks_file import TracksFile
 from observer.runtime import pipeline
 from observer.tracks import BODY_PARTS, Frame, Tracks
@@ -65,12 +65,6 @@ def test_recordings_show_what_the_observer_hands_its_model(gaps_ms):
     resampler = pipeline.Resampler(15.0)
     handed = [t.centres for at, c in zip(at_ns.tolist(), centres, strict=True) for t in resampler.update(at, Tracks(c))]
     np.testing.assert_allclose(at_even_rate(at_ns, centres, 15.0), np.array(handed), rtol=1e-4, atol=1e-4)
-
-
-def test_minutes_of_ordinary_life_name_the_movements_within_them():
-    recorder = recorder_after(6)
-    life = recorder.cut(at(0), at(6), subject="anna", marked=[Marked(at(2), at(3), "raise")])
-    assert life.label == "" and life.spans == (Span(30, 45, "raise"),)
 
 
 def test_old_tracks_are_forgotten_and_so_are_those_of_another_clock():
