@@ -1,7 +1,7 @@
 """Types shared by all picture sources, and how a source's text is read; pure."""
 
 from collections.abc import Callable
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +22,9 @@ NOMINAL_HZ = 30.0
 """The rate of a source that states none: a live camera before it is opened, a folder of pictures."""
 
 
-class Report(Protocol):
-    """Receives the state of a source at each change; called in the thread that takes the frames."""
-
-    def __call__(self, state: ProcessState, reason: str) -> None:
-        """`degraded` with the reason while no usable picture comes, `running` with "" when pictures come again."""
+Report = Callable[[ProcessState, str], None]
+"""Receives the state of a source at each change, in the thread that takes the frames: `degraded` with the reason while
+no usable picture comes, `running` with "" when pictures come again."""
 
 
 class CameraFault(Exception):  # noqa: N818 - names what happened; never shown as an error

@@ -7,12 +7,15 @@ negligible mass are skipped, and phases that no mass can have reached yet.
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.tracks import Floats, Floats32, Integers
+
+if TYPE_CHECKING:
+    from observer.model.chains import PostureEvidence
 
 FLOOR = -69.0
 """Log of 1e-30: the strongest evidence of a single frame against a state."""
@@ -41,24 +44,6 @@ class Dynamics:
     abandon: float = 0.0
     settled: float = math.inf
     under_way: float = 0.0
-
-
-class Evidence(Protocol):
-    """The likelihoods of one frame."""
-
-    def chains(self, live: Integers | None, phases: int) -> tuple[Floats32, float]:
-        """(phases, n) P(observation | chain, phase) of the first phases of the chains `live`, None for all.
-
-        Divided by a scale so that the largest is near 1; the logarithm of the scale is returned too.
-        """
-
-    @property
-    def rest(self) -> float:
-        """log P(observation | at rest before any movement)."""
-
-    @property
-    def after(self) -> Floats:
-        """(M, K) log P(observation | at rest after movement m, facing k)."""
 
 
 class ChainFilter:
@@ -123,7 +108,7 @@ class ChainFilter:
         """P(at rest now), before a movement or after one."""
         return float(min(self._before + self._after.sum(), 1.0))
 
-    def step(self, evidence: Evidence, still: float = 0.0) -> None:
+    def step(self, evidence: "PostureEvidence", still: float = 0.0) -> None:
         """One frame; still: P(the person is still)."""
         self._posterior = None
         if not self._moving:
@@ -188,7 +173,7 @@ class ChainFilter:
         self._before -= mass
         self._active[: len(self._entering)] += np.float32(mass) * self._entering
 
-    def _condition(self, evidence: Evidence) -> None:
+    def _condition(self, evidence: "PostureEvidence") -> None:
         likelihood, log_scale = evidence.chains(self._live, len(self._active))
         log_after = evidence.after.ravel()
         top = max(log_scale, evidence.rest, log_after.max())

@@ -166,7 +166,8 @@ def distorted(points: Floats, distortion: Floats) -> Floats:
 
     Brown-Conrady, rational, thin prism and tilted sensor models as defined by OpenCV's calib3d.
     """
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = _whole(distortion)
+    coefficients = (*distortion.tolist(), *[0.0] * (14 - len(distortion)))
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = coefficients
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y
     factor = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
@@ -208,11 +209,6 @@ def _solved(a: Floats, b: Floats, c: Floats) -> Floats:
     x = c[..., 0] * b[..., 1] - c[..., 1] * b[..., 0]
     y = a[..., 0] * c[..., 1] - a[..., 1] * c[..., 0]
     return np.stack([x, y], axis=-1) / across[..., None]
-
-
-def _whole(distortion: Floats) -> list[float]:
-    """All 14 coefficients, missing ones 0."""
-    return [*distortion.tolist(), *[0.0] * (14 - len(distortion))]
 
 
 def _tilted(distorted_points: Floats, tilt_x: float, tilt_y: float) -> Floats:

@@ -142,7 +142,7 @@ class RestPostures:
 
 
 class PostureEvidence:
-    """The likelihood of one frame's features for every chain, phase and rest (`chain_filter.Evidence`).
+    """The likelihood of one frame's features for every chain, phase and rest, which a `ChainFilter` takes in.
 
     outlier: the largest evidence in nats against a posture compared with the nearest one, so that one error of a
     tracker or one odd movement of a hand does not decide alone.

@@ -5,7 +5,6 @@ import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
 
 import cv2
 
@@ -25,16 +24,6 @@ STILLS = (".png", ".jpg", ".jpeg")
 CHOOSE = "Choose another path"
 LONGEST_PAUSE_S = 2.0
 """Longest pause in a film; a longer silence of the camera is cut to it."""
-
-
-class Outlet(Protocol):
-    """Receives painted pictures; used by one thread at a time."""
-
-    def draw(self, picture: Picture, shown_ns: int) -> None:
-        """Draw one picture of `drawing.SIZE` at that time; raises LabanmeshError when no more pictures can be shown."""
-
-    def close(self) -> None:
-        """Complete the output."""
 
 
 class Film:
@@ -148,6 +137,10 @@ class Window:
         """Close the window."""
         if self._open:
             cv2.destroyWindow(self._title)
+
+
+Outlet = Film | Stills | Window
+"""Receives painted pictures of `drawing.SIZE`; used by one thread at a time."""
 
 
 def why_no_window(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> str:

@@ -4,7 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from common import SECOND_NS
 from common.config import Scene
@@ -32,14 +32,8 @@ LONGEST_NS = SECOND_NS // 2
 """After this long a picture is shown although the observer has skipped it: an observer rests in an empty room."""
 
 
-class PictureOutlet(Protocol):
-    """Receives the pictures of an observer at its own rate."""
-
-    def is_due(self, now_ns: int) -> bool:
-        """Whether a picture is wanted at `now_ns`; called after each frame, and fast."""
-
-    def show(self, sighting: Sighting, now_ns: int) -> None:
-        """Take one picture; raises LabanmeshError when it can take no more."""
+PictureOutlet = LivePicture | VerdictClips | PostureOutlet
+"""Receives the pictures of an observer at its own rate. is_due: called after each frame, and fast."""
 
 
 @contextmanager

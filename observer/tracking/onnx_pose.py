@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -48,20 +48,6 @@ LEAST_BOX, OVERLAP = 0.25, 0.6
 """Confidence of a box from which there may be a person; boxes that overlap more show the same one."""
 FREE = {"channels first": (640, 640), "two outputs": (192, 256), "channels last": (256, 256)}
 """Width and height of the input where the file leaves them open."""
-
-
-class Layout(Protocol):
-    """How a family of models reads pictures and tells keypoints."""
-
-    def picture(self, rgb: NDArray[np.uint8]) -> Array:
-        """(H, W, 3) RGB of the input's size -> the input."""
-
-    def people(self, outputs: Sequence[Array]) -> list[Floats]:
-        """The outputs -> for each person, the most prominent first, (17, 3): x and y in px of the input, confidence."""
-
-    @property
-    def usual(self) -> float:
-        """The confidence from which such a model's keypoint usually counts as seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,6 +106,12 @@ class YoloPose:
         prominence = boxes[:, 4] * boxes[:, 3]
         apart = cv2.dnn.NMSBoxes(corners.tolist(), prominence.tolist(), 0.0, OVERLAP) if len(boxes) else []
         return [boxes[n, 5:].reshape(KEYPOINTS, 3).copy() for n in apart]
+
+
+Layout = SimCC | MoveNet | YoloPose
+"""How a family of models reads pictures and tells keypoints. picture: (H, W, 3) RGB of the input's size -> the input.
+people: the outputs -> for each person, the most prominent first, (17, 3): x and y in px of the input, confidence.
+usual: the confidence from which such a model's keypoint usually counts as seen."""
 
 
 class OnnxPose:
