@@ -113,19 +113,12 @@ def draw_tasks(sets: dict[str, tuple[MotionArchive, tuple[str, ...]]], count: in
             takes = max(takes // 2, 1)
             size = size if takes > 1 else max(size // 2, 2)
         parts = (BODY_PARTS, archive.body_parts)[int(rng.random() < 0.6)]
-        tasks.append(
-            Task(
-                name,
-                str(rng.choice(list(views))),
-                tuple(sorted(rng.choice(labels, size, replace=False).tolist())),
-                tuple(sorted(rng.choice(people, crowd, replace=False).tolist())),
-                takes,
-                parts,
-                number,
-                name == "karate" and rng.random() < 0.7,
-                parts == BODY_PARTS and rng.random() < 0.5,
-            )
-        )
+        view = str(rng.choice(list(views)))
+        shown = tuple(sorted(rng.choice(labels, size, replace=False).tolist()))
+        performers = tuple(sorted(rng.choice(people, crowd, replace=False).tolist()))
+        continuous = name == "karate" and rng.random() < 0.7
+        stories = parts == BODY_PARTS and rng.random() < 0.5
+        tasks.append(Task(name, view, shown, performers, takes, parts, number, continuous, stories))
     return tasks
 
 
@@ -162,9 +155,8 @@ def rows_of_task(part: tuple[Task, MotionArchive, MotionArchive]) -> tuple[Float
     watched = rows_of_fold(model, examples, numbers, streams, STREAM_S)
     takes = len([r for r in movements_in(own) if r.label in task.labels]) / len(task.labels)
     other_s = float(model.header.provenance.get("other_motion_s", "0"))
-    return task_of(takes, len(task.people), len(task.labels), other_s), thinned(
-        stacker_rows(watched, struck=False), rng
-    )
+    rows = thinned(stacker_rows(watched, struck=False), rng)
+    return task_of(takes, len(task.people), len(task.labels), other_s), rows
 
 
 def thinned(rows: StackerRows | None, rng: np.random.Generator) -> StackerRows | None:
@@ -207,9 +199,8 @@ def learn_prior(tasks: Sequence[tuple[Floats, StackerRows]], sets: Sequence[str]
         p, _ = Stacker(weights.at(task), np.zeros((len(EVIDENCE), len(OTHER_CONTEXT)))).judge(rows.instants)
         target = np.where(rows.truth >= 0, 1.0 - rows.shown, 1.0)
         of_else.append(ElseLoss(rows.instants, p, target, rows.weights))
-    return StackerPrior(
-        weights, gaussians_over(z, of_else, np.array(sets), np.zeros((len(EVIDENCE), len(OTHER_CONTEXT))))
-    )
+    start = np.zeros((len(EVIDENCE), len(OTHER_CONTEXT)))
+    return StackerPrior(weights, gaussians_over(z, of_else, np.array(sets), start))
 
 
 def gaussians_over(

@@ -169,39 +169,30 @@ def look_at(
     Raises LabanmeshError when a live camera delivers no picture within CAMERA_RESERVE_S, and what the source raises.
     """
     history, faces = PreviewHistory(tracker.body_parts, source.rate_hz, name), _FaceCount()
-    tracked: list[_Tracked] = []
+    tracked: list[tuple[int, int, Tracks]] = []
     frame: Frame | None = None
     shown: PreviewFrame | None = None
     for frame in _first_frames(source, frames):
         shown = _track(history, tracker, frame)
         faces.search(frame.content)
-        tracked.append(_Tracked(frame.captured_ns, frame.at_ns, shown.tracks))
+        tracked.append((frame.captured_ns, frame.at_ns, shown.tracks))
     if frame is None or shown is None:
         reason = last_report.reason or "the source delivered nothing"
         raise LabanmeshError(f"{name}: no picture within {CAMERA_RESERVE_S:g} s: {reason}")
     live = isinstance(source, LiveCamera)
-    captured_ns = [each.captured_ns for each in tracked]
+    captured_ns, at_ns, tracks = zip(*tracked, strict=True)
     rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
-    report = _report(name, choice, frame.content, rate_hz, live, shown, tracked, faces)
+    report = _report(name, choice, frame.content, rate_hz, live, shown, at_ns, tracks, faces)
     sighting = Sighting(frame.content, shown.tracks, shown.body_parts, frame.captured_ns)
     return LookResult(report, paint(frame.content, shown), sighting)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tracked:
-    """The tracks of one picture. at_ns: its time within the motion."""
-
-    captured_ns: int
-    at_ns: int
-    tracks: Tracks
-
-
 def _report(
     name: str, choice: TrackerChoice, picture: Picture, rate_hz: float, live: bool,
-    shown: PreviewFrame, tracked: list[_Tracked], faces: "_FaceCount",
+    shown: PreviewFrame, at_ns: Sequence[int], tracks: Sequence[Tracks], faces: "_FaceCount",
 ) -> LookReport:  # fmt: skip
     back, parts = shown.back_projection, shown.body_parts
-    centres = np.array([each.tracks.centres for each in tracked])
+    centres = np.array([each.centres for each in tracks])
     seen_share = np.isfinite(centres).all(axis=2).mean(axis=0)
     return LookReport(
         source=name,
@@ -211,7 +202,7 @@ def _report(
         size_px=(picture.shape[1], picture.shape[0]),
         rate_hz=rate_hz,
         live=live,
-        pictures=len(tracked),
+        pictures=len(tracks),
         brightness=float(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).mean()),
         faces=faces.detected,
         faces_searched=faces.searched,
@@ -221,7 +212,7 @@ def _report(
         states=dict(zip(parts, shown.tracks.states, strict=True)),
         complaint=shown.complaint,
         people=shown.tracks.people,
-        doubts=doubts(centres, parts, [each.at_ns for each in tracked], faces.boxes),
+        doubts=doubts(centres, parts, at_ns, faces.boxes),
     )
 
 
@@ -247,7 +238,7 @@ def _first_frames(source: FrameSource, frames: int) -> Iterator[Frame]:
         logging.getLogger("labanmesh.observer").removeHandler(_DISCARD)
 
 
-def _measured_hz(captured_ns: list[int], nominal_hz: float) -> float:
+def _measured_hz(captured_ns: Sequence[int], nominal_hz: float) -> float:
     """Pictures per second; the nominal rate when there are too few."""
     duration_ns = captured_ns[-1] - captured_ns[0]
     return (len(captured_ns) - 1) / duration_ns * SECOND_NS if duration_ns > 0 else nominal_hz
