@@ -28,7 +28,7 @@ _labanmesh() {
             "hub events") words="" ;;
             "hub "*) words="mqtt events" ;;
             "dashboard "*) words="--capture --listen --token-file --teach --for" ;;
-            "phone "*) words="--listen --host --certificate --list --revoke --fetch --from --for" ;;
+            "phone "*) words="--listen --host --certificate --teach --no-teach --list --revoke --fetch --from --for" ;;
             "history "*) words="--day --from --to --kind --label --last --csv --json" ;;
             "notify "*) words="--test" ;;
             "camera look") words="--tracker -o --output --frames --pose-model --skin --face --save-skin --view --recording --show" ;;

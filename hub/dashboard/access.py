@@ -51,8 +51,8 @@ HEADERS = {
     "cache-control": "no-cache",
 }
 MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-SCRIPTS = ("/elements.js", "/words.js", "/figures.js", "/teach.js")
-OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter", "/teach", "/teach.css", *SCRIPTS})
+SCRIPTS = ("/elements.js", "/words.js", "/figures.js", "/teach.js", "/lesson.js")
+OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter", "/teach", "/teach.css", "/lesson.css", *SCRIPTS})
 """What the token form needs, and the Teach page, which shows nothing without the token."""
 TEACH_PATHS = "/teach/"
 """The requests of the Teach page, which have a check of their own (teach_routes.py)."""

@@ -117,8 +117,9 @@ def _serve(run: DashboardRun) -> None:
 def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
     from hub.dashboard.access import is_loopback
-    from hub.dashboard.serving import NO_RIGHT, has_right
+    from hub.dashboard.serving import NO_RIGHT
     from hub.lan import lan_address
+    from hub.rights import has_right
 
     if not run.access.teaches:
         return

@@ -6,7 +6,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import uvicorn
@@ -24,6 +23,7 @@ from hub.dashboard.phone_routes import phone_routes
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
 from hub.dashboard.teach_routes import OFF, TeachPage
+from hub.rights import has_right
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
 from hub.teaching.lesson_server import LessonServer
@@ -162,16 +162,6 @@ def serve_capture(
     stream: Stream = lambda head: play(timeline, setup, head, closed)  # noqa: E731 - named for its type
     app = application(access, stream, lambda: False, teach=TeachPage(access, off=CAPTURE))
     asyncio.run(_serve(app, port, run, closed.set))
-
-
-def has_right(scene: "Scene", right: str) -> bool:
-    """Whether this process's certificate, if the mesh has any, is for `pictures`, to `teach`, or for `history`."""
-    if not scene.mesh.credentials:
-        return True
-    # Slow to import, and needed only with certificates.
-    from common.credentials import own_certificate
-
-    return own_certificate(Path(scene.mesh.credentials)).is_for(right)
 
 
 class _PageServer(uvicorn.Server):

@@ -33,7 +33,9 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.dashboard.teach_data import (
+from hub.history.notes import forget_in_history, note_corrections
+from hub.home_assistant import home_assistant_advice
+from hub.teaching.lesson_data import (
     action_of,
     corrections_of,
     lesson_server_data,
@@ -42,8 +44,6 @@ from hub.dashboard.teach_data import (
     tracks_data,
     unwanted_of,
 )
-from hub.history.notes import forget_in_history, note_corrections
-from hub.home_assistant import home_assistant_advice
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
 
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
-FILES = {f"/{name}": name for name in ("teach.js", "figures.js", "teach.css")}
+FILES = {f"/{name}": name for name in ("teach.js", "lesson.js", "figures.js", "teach.css", "lesson.css")}
 BODY_LIMIT = 8192
 LONG_POLL_S = 10.0
 """So long a request for the state waits for something new."""

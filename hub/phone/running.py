@@ -4,39 +4,45 @@ import asyncio
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from common.address import ANY_HOST, Address
+from common.address import Address
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
 from hub.instrumentation import instrumented
 from hub.lan import bound_socket
 from hub.phone.code_page import ShownCodes, code_page, terminal_code
+from hub.phone.phone_lessons import PhoneLessons
 from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.register_file import RegisterFile
 from hub.phone.scene_words import scene_words
 from hub.phone.serving import PhoneServer, serve_files
-from hub.phone.static_pages import StaticPages
+from hub.phone.static_pages import Answer, StaticPages
 from hub.phone.web_certificate_file import WebCertificate, given_certificate, own_certificate
+from hub.rights import has_right
 from hub.session import SceneListener, SceneUpdate
+from hub.teaching.lesson_server import LessonServer
 
 if TYPE_CHECKING:
     from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
 CHECK_S = 0.1
-SHOW_EVERY_S = 0.2
-"""How often what the pages show is looked at; nobody reads faster."""
+"""How often what the pages show is looked at: a third of the time in which a person reacts to the lesson's "now"."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhoneRun:
-    """hosts: names and addresses of this machine, the one for the code first. certificate: of `labanmesh secure`."""
+    """hosts: names and addresses of this machine, the one for the code first. certificate: of `labanmesh secure`.
+
+    teaches: whether phones may teach.
+    """
 
     scene: "Scene"
     observers: tuple[str, ...]
@@ -45,18 +51,18 @@ class PhoneRun:
     hosts: tuple[str, ...]
     certificate: Path | None = None
     for_s: float | None = None
+    teaches: bool = True
 
 
 def run_phones(run: PhoneRun) -> None:
     """Serve until Ctrl-C; raises LabanmeshError, one line, where that is not possible."""
     log_to_stderr()
-    model = read_files(data_folder())
+    model, scene = read_files(data_folder()), run.scene
     web = (
         given_certificate(run.certificate)
         if run.certificate
         else own_certificate(data_folder() / "authority", run.hosts)
     )
-    scene = run.scene
     with (
         bound_socket(run.listen, "--listen") as port,
         bound_socket(Address("127.0.0.1", _next(port)), "the port above --listen") as local,
@@ -64,28 +70,56 @@ def run_phones(run: PhoneRun) -> None:
         Notifier.from_environment() as supervisor,
         instrumented([scene], "phone") as instrumentation,
         Link.open(scene.mesh, "hub", scene=scene.scene, stop=stop) as link,
+        _lessons(run, link) as lessons,
     ):
-        address = f"https://{Address(run.hosts[0], port.getsockname()[1])}/"
-        codes = ShownCodes(run.file, run.observers, address)
 
         def note(update: SceneUpdate) -> None:
             instrumentation.record(update)
             supervisor.alive()
+            if lessons is not None:
+                lessons.server.note(update)
 
         with SceneListener(scene, link, note) as listener:
-            publishers = {name: link.publisher(scene.keys.tracks(name)) for name in scene.roster}
-            pages = StaticPages(model, web.authority, _texts(run, web))
-            server = PhoneServer(
-                scene.scene,
-                run.file,
-                lambda observer, line: publishers[observer].put(line),
-                pages.answer,
-                lambda observer: scene_words(listener.state, observer),
-            )
+            pages = StaticPages(model, web.authority, {"fingerprint": web.fingerprint, "scene": scene.scene})
+            server = _server(run, link, listener, lessons, pages.answer)
+            codes = ShownCodes(run.file, run.observers, f"https://{Address(run.hosts[0], port.getsockname()[1])}/")
             page_port = local.getsockname()[1]
             _show(codes, f"http://127.0.0.1:{page_port}/")
             with run.file.naming_page(page_port):
                 asyncio.run(_serve(server, codes, (port, local), web, Ending(stop, run.for_s, listener.check)))
+
+
+@contextmanager
+def _lessons(run: PhoneRun, link: Link) -> Iterator[PhoneLessons | None]:
+    """What phones may ask of lessons; None where nothing can be taught from here."""
+    if not run.teaches or run.scene.vocabulary is not None or not has_right(run.scene, "teach"):
+        yield None
+        return
+    server = LessonServer(run.scene, link)
+    try:
+        yield PhoneLessons(server)
+    finally:
+        server.close()
+
+
+def _server(
+    run: PhoneRun,
+    link: Link,
+    listener: SceneListener,
+    lessons: PhoneLessons | None,
+    answer: Callable[[str, str], Answer],
+) -> PhoneServer:
+    scene = run.scene
+    publishers = {name: link.publisher(scene.keys.tracks(name)) for name in scene.roster}
+
+    def words_of(observer: str) -> Mapping[str, object]:
+        more = {"file": scene.file, "teaches": lessons is not None, "lesson": lessons and lessons.data()}
+        return {**scene_words(listener.state, observer), **more}
+
+    server = PhoneServer(scene.scene, run.file, lambda observer, line: publishers[observer].put(line), answer, words_of)
+    if lessons is not None:
+        server.ask = lessons.ask
+    return server
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +145,10 @@ async def _serve(
         asyncio.create_task(serve_files(ports[1], on_screen, ended)),
     ]
     end_s = None if ending.for_s is None else loop.time() + ending.for_s
-    shown_s = 0.0
     while not (ending.stop.is_set() or (end_s is not None and loop.time() >= end_s) or any(t.done() for t in tasks)):
         await asyncio.sleep(CHECK_S)
         ending.check()
-        if loop.time() - shown_s >= SHOW_EVERY_S:
-            shown_s = loop.time()
-            server.show()
+        server.show()
     ended.set()
     await asyncio.gather(*tasks)
 
@@ -134,15 +165,6 @@ def _show(codes: ShownCodes, page: str) -> None:
         else:
             print(f"{terminal_code(link)}{observer}: scan this with the phone's camera, or open {link}", flush=True)
     print(f"the codes on this machine's screen: {page}", flush=True)
-
-
-def _texts(run: PhoneRun, web: WebCertificate) -> dict[str, str]:
-    """What is put into the pages."""
-    dashboard = Address.parse(run.scene.hub.dashboard.listen, "hub.dashboard.listen")
-    reached = dashboard.host not in ("127.0.0.1", "localhost", "::1")
-    host = run.hosts[0] if dashboard.host in ANY_HOST else dashboard.host
-    teach = f'<a href="http://{Address(host, dashboard.port)}/teach">Teach it your movements</a>' if reached else ""
-    return {"fingerprint": web.fingerprint, "teach": teach, "scene": run.scene.scene}
 
 
 def _next(port: socket.socket) -> int:

@@ -7,7 +7,10 @@ from hub.wording import label_words
 
 
 def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
-    """own: what the observer holds most probable; judged: the referee; verdict: the newest one; observer: its state."""
+    """own: what the observer holds most probable; judged: the referee; verdict: the newest one; observer: its state.
+
+    known: the movements that are recognised.
+    """
     own = next((each for each in state.observers if each.name == observer), None)
     fused = None if state.silent or not state.fused else state.fused[0]
     verdict, ranked = state.verdict, own.ranked if own is not None and own.is_heard else ()
@@ -16,6 +19,7 @@ def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
         "judged": None if fused is None else {"label": fused.label, "p": round(fused.p, 2)},
         "moves": bool(state.judgement and state.judgement.movement),
         "why": (state.judgement.why if state.judgement else None) or "",
+        "known": list(state.labels),
         "observer": own.status.state if own is not None and own.status is not None else "silent",
         "verdict": None
         if verdict is None

@@ -23,7 +23,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from hub.phone.phone_messages import MESSAGE_LIMIT, BadPhoneMessage, CameraState
+from hub.phone.phone_messages import MESSAGE_LIMIT, BadPhoneMessage, CameraState, LessonRequest
 from hub.phone.phone_session import Admission, PhoneSession
 from hub.phone.register import Phone, RefusedError
 from hub.phone.static_pages import SOCKET_PATH, Answer
@@ -66,7 +66,8 @@ class _Live:
 class PhoneServer:
     """scene: its name. publish: takes a line of tracks for an observer. answer: to GET of a path, with the host.
 
-    words_of: what the page of an observer shows now.
+    words_of: what the page of an observer shows now. ask: does what a phone asks of the lesson; returns why that cannot
+    be, one line, or "".
     """
 
     scene: str
@@ -74,6 +75,7 @@ class PhoneServer:
     publish: Callable[[str, bytes], None]
     answer: Callable[[str, str], Answer]
     words_of: Callable[[str], Mapping[str, object]] = lambda observer: {}
+    ask: Callable[[LessonRequest], str] = lambda request: "nothing can be taught from here"
     now_ns: Callable[[], int] = time.time_ns
     live: dict[str, _Live] = field(default_factory=dict)
     open_connections: int = 0
@@ -163,6 +165,10 @@ class PhoneServer:
             self.publish(session.phone.observer, outcome.line)
         for answer in outcome.answers:
             await _send(connection, answer)
+        if outcome.lesson is not None:
+            complaint = self.ask(outcome.lesson)
+            if complaint or outcome.lesson.ask != "look":
+                await _send(connection, {"complaint": complaint})
         if session.camera is not camera and session.phone is not None:
             _log_camera(session.phone.observer, camera, session.camera)
 

@@ -13,7 +13,9 @@ from importlib.resources import files
 
 SOCKET_PATH = "/socket"
 PAGES = {"/": "phone.html", "/trust": "trust.html"}
-SCRIPTS = ("phone.js", "tracking.js", "connection.js", "drawing.js", "phone.css")
+OWN_FILES = ("phone.js", "tracking.js", "connection.js", "drawing.js", "placing.js", "teaching.js", "phone.css")
+SHARED_FILES = ("elements.js", "words.js", "lesson.js", "lesson.css")
+"""A lesson looks as on the dashboard's Teach page, whose files these are."""
 MEDIA_TYPES = {
     "html": "text/html; charset=utf-8",
     "css": "text/css",
@@ -53,7 +55,9 @@ class StaticPages:
 
     def __init__(self, model: Mapping[str, bytes], authority: bytes, texts: Mapping[str, str]) -> None:
         self._answers = {path: _page(name, texts) for path, name in PAGES.items()}
-        self._answers |= {f"/{name}": _file(name, _static(name), "no-cache") for name in SCRIPTS}
+        owners = {**dict.fromkeys(OWN_FILES, "hub.phone"), **dict.fromkeys(SHARED_FILES, "hub.dashboard")}
+        for name, owner in owners.items():
+            self._answers[f"/{name}"] = _file(name, _static(name, owner), "no-cache")
         self._answers |= {f"/model/{name}": _file(name, content, KEPT) for name, content in model.items()}
         crt = {
             "content-type": "application/x-x509-ca-cert",
@@ -76,8 +80,8 @@ def policy(host: str) -> str:
     )
 
 
-def _static(name: str) -> bytes:
-    return (files("hub.phone") / "static" / name).read_bytes()
+def _static(name: str, owner: str = "hub.phone") -> bytes:
+    return (files(owner) / "static" / name).read_bytes()
 
 
 def _page(name: str, texts: Mapping[str, str]) -> Answer:

@@ -47,7 +47,8 @@ IMPURE = {
         "fusion.person_session fusion.publisher fusion.same_id fusion.scene_worker "
         "fusion.server fusion.standby hub.dashboard.pictures hub.session "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "hub.phone.running labanmesh_testing.* observer.foreign.sources studies.replay.playback studies.over_mesh"
+        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign.sources "
+        "studies.replay.playback studies.over_mesh"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
@@ -55,7 +56,7 @@ IMPURE = {
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history hub.database "
         "hub.history.history_file hub.history.keeper hub.history.notes "
         "hub.notify.notification_queue hub.notify.notifying "
-        "hub.phone.*_file hub.phone.static_pages "
+        "hub.phone.*_file hub.phone.static_pages hub.rights "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "observer.runtime.preflight observer.runtime.start_barrier "

@@ -16,7 +16,7 @@ MARKS = {"ears": (7,), "shoulders": (11,), "elbows": (13,), "wrists": (15, 17, 1
          "feet": (27, 31)}  # fmt: skip
 VERDICT = {"id": "v1", "label": "wave", "k": 3, "n": 4, "began_ms": 1_795_690_931_000, "ended": False}
 WORDS = {"own": {"label": "wave", "p": 0.94}, "judged": {"label": "wave", "p": 0.97}, "moves": True, "why": "",
-         "observer": "running", "verdict": VERDICT}  # fmt: skip
+         "observer": "running", "known": ["wave", "point", "clap"], "teaches": True, "verdict": VERDICT}  # fmt: skip
 
 
 def landmarks():
@@ -61,7 +61,7 @@ def draw_phone(driver, path, look):
     page.wait_for_function("document.getElementById('drawing').width > 100")
     # The picture of the browser's own fake camera is no person's.
     page.add_style_tag(content="#video { visibility: hidden }")
-    page.evaluate("document.getElementById('state').textContent = 'running, 15 pictures a second'")
+    page.evaluate("document.getElementById('state').textContent = 'running, 15 pictures/s'")
     picture = page.screenshot()
     browser.close()
     return picture

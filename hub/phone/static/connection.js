@@ -17,7 +17,7 @@ export class Connection {
   #timer = 0;
   #code = "";
 
-  // on: {state(text), welcome(data), words(data), ended(text)}
+  // on: {state(text), welcome(data), words(data), complaint(text), ended(text)}
   constructor(on) {
     this.on = on;
     this.#code = location.hash.slice(1);
@@ -40,6 +40,12 @@ export class Connection {
 
   report(camera) {
     if (this.isOpen) this.#put({ camera });
+  }
+
+  // Whether it could be sent: what is asked of a lesson does not wait for a lost line.
+  ask(lesson) {
+    if (this.isOpen) this.#put({ lesson });
+    return this.isOpen;
   }
 
   #flush() {
@@ -80,6 +86,7 @@ export class Connection {
     else if ("taken" in message) this.#taken = message.taken;
     else if (message.welcome) this.#welcome(message.welcome);
     else if (message.words) this.on.words(message.words);
+    else if ("complaint" in message) this.on.complaint(message.complaint);
     else if (message.ended) this.lastWords = message.ended;
     this.#flush();
   }

@@ -1,15 +1,20 @@
 // The page of a phone that is a camera: it looks at its own pictures, and sends only tracks and its state.
 import { Connection, nowMs } from "/connection.js";
 import { draw } from "/drawing.js";
+import { Placing } from "/placing.js";
+import { Teaching } from "/teaching.js";
 import { loadPose, Pace, partsOf } from "/tracking.js";
 
 const element = (id) => document.getElementById(id);
 const [video, canvas, view] = ["video", "drawing", "view"].map(element);
 const REPORT_MS = 2000;
-const pace = new Pace();
+const SHOW_MS = 300;
+const FACING = "labanmesh-camera"; // which camera was chosen; at first the one beside the screen, which is read from afar
+const [pace, placing] = [new Pace(), new Placing()];
 let [pose, small, loading] = [null, false, false];
-let [facing, paused, stream, looks, reportedMs] = ["environment", false, null, 0, 0];
-let [lastMs, lockedScreen, fault] = [0, null, ""];
+let [facing, paused, stream, looks, reportedMs] = [localStorage.getItem(FACING) ?? "user", false, null, 0, 0];
+let [lastMs, lockedScreen, fault, words, line] = [0, null, "", null, "starting"];
+let teaching = null;
 const faults = { connection: "", camera: "", model: "" };
 
 function showFault(of, text) {
@@ -20,30 +25,43 @@ function showFault(of, text) {
 }
 
 const connection = new Connection({
-  state: (text) => (element("state").textContent = text),
+  state: (text) => {
+    element("state").textContent = line = text;
+    showNext();
+  },
   welcome: (data) => {
+    line = "";
     element("scene").textContent = data.scene;
     element("observer").textContent = data.observer;
     showFault("connection", "");
     report();
   },
   words: showWords,
+  complaint: (text) => teaching.complain(text),
   ended: (text) => {
     element("state").textContent = "not connected";
+    line = "Not connected.";
     showFault("connection", text);
+    showNext();
   },
 });
+teaching = new Teaching(connection);
 
-function showWords(words) {
+function showNext() {
+  teaching?.show(words, line, placing.advice(nowMs()));
+}
+
+function showWords(newWords) {
+  words = newWords;
+  showNext();
   const { verdict, own, judged } = words;
   element("verdict").textContent = verdict ? verdict.label : "nothing decided yet";
   const time = verdict ? new Date(verdict.began_ms).toLocaleTimeString() : "";
   element("agreement").textContent = verdict ? `${verdict.k} of ${verdict.n} agreed, ${time}` : "";
   element("decided").classList.toggle("now", Boolean(verdict && !verdict.ended));
   const percent = (each) => `${each.label} ${Math.round(100 * each.p)} %`;
-  const waits = words.observer === "silent" ? "its observer does not run: labanmesh up" : "sees no movement";
   element("own").textContent =
-    `This camera: ${own ? percent(own) : waits}. ` + (judged && words.moves ? `Referee: ${percent(judged)}.` : words.why);
+    `This camera: ${own ? percent(own) : "sees no movement"}. ` + (judged && words.moves ? `Referee: ${percent(judged)}.` : words.why);
 }
 
 async function openCamera() {
@@ -102,6 +120,7 @@ function look(now, picture) {
   }
   const parts = partsOf(landmarks, video.videoWidth, video.videoHeight);
   pace.note(parts, atMs, performance.now() - began);
+  placing.note(parts, atMs);
   connection.send({ at_ms: Math.abs(atMs - taken) < 500 ? Math.min(taken, atMs) : atMs, parts });
   draw(canvas, video, parts);
   looks += 1;
@@ -118,7 +137,7 @@ function report() {
   [looks, reportedMs] = [0, nowMs()];
   const state = fault ? "failed" : document.hidden ? "hidden" : paused || pace.isCalm ? "idle" : "running";
   connection.report({ state, hz: Math.min(hz, 1000), reason: fault.slice(0, 200) });
-  if (connection.isOpen) element("state").textContent = paused ? "paused" : `${state}, ${hz} pictures a second`;
+  if (connection.isOpen) element("state").textContent = paused ? "paused" : `${state}, ${Math.round(hz)} pictures/s`;
 }
 
 async function keepScreenOn() {
@@ -139,6 +158,7 @@ document.addEventListener("visibilitychange", () => {
 });
 element("turn").onclick = () => {
   facing = facing === "user" ? "environment" : "user";
+  localStorage.setItem(FACING, facing);
   openCamera();
 };
 element("pause").onclick = (event) => {
@@ -147,6 +167,7 @@ element("pause").onclick = (event) => {
   report();
 };
 
+setInterval(showNext, SHOW_MS);
 keepScreenOn();
 await Promise.all([openCamera(), loadModel()]);
 look();

@@ -5,19 +5,19 @@ import re
 
 import httpx
 import pytest
+from fake_lesson_server import FakeLessonServer
 from processes import SOON_S
 
 from common.address import Address
 from common.errors import BadInput
-from common.teaching_messages import LearnedReport, ShownTracks, TakeReport, TeachReply, Unwanted
+from common.teaching_messages import Unwanted
 from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.commands import DashboardRun, _access, _teach_lines
 from hub.dashboard.serving import NO_RIGHT, _teach_page
-from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_data, plan_of, unwanted_of
 from hub.dashboard.teach_routes import OFF, TeachPage
-from hub.scene_state import SceneState
 from hub.teaching.interface import Action, Step
+from hub.teaching.lesson_data import action_of, corrections_of, lesson_server_data, plan_of, unwanted_of
 from hub.teaching.page_interface import PageInterface, PageLesson
 from hub.teaching.page_memory import Missed, WantedCorrections
 
@@ -26,50 +26,6 @@ BEARER = {"authorization": f"Bearer {TOKEN}"}
 POSTS, TRACKS = ("start", "press", "stop", "correct", "forget", "enter"), ("now/cam1", "take/cam1/wave/1")
 PAGE = ("GET", "/teach", {})
 PLAN = {"labels": ["wave", "clap"], "takes": 3, "minutes": 1, "person": "anna"}
-
-
-class FakeLessonServer:
-    """What pages ask and press; nothing is taught."""
-
-    def __init__(self, scene):
-        self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("interface")
-        self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
-        self.verdicts, self.corrected, self.forgotten, self.clip_keepers = [], [], [], ["cam1"]
-        reply = TeachReply(
-            state="learned", pictures=True, visible=True, takes={"nod": [1, 2], "ok": [1]}, other_s=61.2, labels=["ok"],
-            take=TakeReport(label="nod", take=2, state="kept", seconds=1.44),
-            learned=LearnedReport(labels=["ok", "nod"], results={"nod": {"nod": 2}}),
-            persons={"anna": {"nod": 2, "ok": 1, "": 1}},
-        )  # fmt: skip
-        self.observers = {"cam1": reply, "cam2": None}
-
-    def looked(self):
-        self.looks += 1
-
-    def start(self, plan):
-        if self.plans:
-            raise BadInput("a lesson is going on")
-        self.plans.append(plan)
-
-    def press(self, lesson, number, action):
-        self.pressed.append((lesson, number, action))
-
-    def stop(self, lesson):
-        self.stopped.append(lesson)
-
-    def correct(self, wanted):
-        self.corrected.append(wanted)
-
-    def forget(self, unwanted, *, clips):
-        self.forgotten.append((unwanted, clips))
-
-    def now(self, observer):
-        if observer != "cam1":
-            raise BadInput(f"observer {observer!r} is unknown; known: cam1, cam2")
-        return ShownTracks(body_parts=["head"], points=[0, 1000])
-
-    def take(self, observer, label, number):
-        return None
 
 
 @pytest.fixture
@@ -223,7 +179,7 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     assert lines[0] == f"teach at http://127.0.0.1:8420/teach#{made.made_token}"
     assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
     (line,) = _teach_lines(DashboardRun(scene, None, lan, own), lan)
-    monkeypatch.setattr("hub.dashboard.serving.has_right", lambda scene, what: False)
+    monkeypatch.setattr("hub.rights.has_right", lambda scene, what: False)
     assert list(_teach_lines(DashboardRun(scene, None, lan, own), lan)) == [NO_RIGHT]
     assert TOKEN not in line and lan.host not in line
 

@@ -12,6 +12,7 @@ from hub.phone.phone_messages import (
     CameraState,
     ClockAnswer,
     Join,
+    LessonRequest,
     PhoneTracks,
     Resume,
     read_message,
@@ -26,6 +27,7 @@ TRACKS = {"at_ms": 1.7e12, "parts": {"left_hand": [412.25, 300, 0.9], "head": No
     ({"clock": {"number": 3, "now_ms": 1.7e12}}, ClockAnswer),
     ({"tracks": TRACKS}, PhoneTracks),
     ({"camera": {"state": "running", "hz": 14.5, "reason": ""}}, CameraState),
+    ({"lesson": {"ask": "start", "plan": {"labels": ["wave", "point"], "add": False}}}, LessonRequest),
 ])  # fmt: skip
 def test_each_message_is_read(message, kind):
     assert isinstance(read_message(json.dumps(message)), kind)

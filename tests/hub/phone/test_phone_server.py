@@ -233,6 +233,17 @@ def test_a_phone_that_says_nothing_is_cut_off(running, monkeypatch):
         until(lambda: not running.server.live)
 
 
+def test_what_a_lesson_refuses_is_one_line_on_the_phone(running):
+    asked = []
+    running.server.ask = lambda request: asked.append(request.ask) or ("name two" if request.ask == "start" else "")
+    with running.joined() as phone:
+        phone.send(lesson={"ask": "start", "plan": {"labels": ["wave"]}})
+        assert phone.until("complaint") == "name two"
+        phone.send(lesson={"ask": "look"})
+        phone.send(lesson={"ask": "stop", "lesson": "x"})
+        assert phone.until("complaint") == "" and asked == ["start", "look", "stop"]
+
+
 def test_a_page_from_elsewhere_cannot_open_the_socket(running):
     with (
         pytest.raises(InvalidStatus) as refused,

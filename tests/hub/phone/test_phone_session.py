@@ -101,3 +101,9 @@ def test_the_rate_limit_lets_its_rate_pass_for_ever():
     assert all(limit.admits(round(n * 1e9 / RATE_HZ)) for n in range(3000))
     assert sum(limit.admits(round(50e9 + n * 1e5)) for n in range(10_000)) <= RATE_HZ + BURST + 1
     assert not limit.admits(0)
+
+
+def test_what_is_asked_of_the_lesson_is_passed_on_for_admitted_phones_alone(admitted):
+    assert admitted.send(lesson={"ask": "stop", "lesson": "5b1c"}).lesson.lesson == "5b1c"
+    with pytest.raises(RefusedError, match="first message"):
+        Stage().send(lesson={"ask": "look"})
