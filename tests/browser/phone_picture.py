@@ -3,6 +3,7 @@
 import gzip
 import json
 
+from hub.phone.serving import REFUSED
 from hub.phone.static_pages import StaticPages
 
 HOST = "192.168.1.20:8443"
@@ -28,20 +29,22 @@ def landmarks():
     return rows
 
 
-def drawn_model():
-    """In place of the pose model: it finds the same person in every picture."""
-    person = json.dumps({"landmarks": [landmarks()]})
+def drawn_model(rows):
+    """In place of the pose model: it finds these landmarks in every picture; nobody for none."""
+    people = json.dumps({"landmarks": [rows] if rows else []})
     return (
         "export class PoseLandmarker { static async createFromOptions() { return new PoseLandmarker(); }"
-        f" detectForVideo() {{ return {person}; }} close() {{}} }}"
+        f" detectForVideo() {{ return {people}; }} close() {{}} }}"
     ).encode()
 
 
-def draw_phone(driver, path, look):
-    """A screenshot of the page; the bytes of a PNG."""
-    pages = StaticPages({"vision_bundle.mjs": drawn_model()}, b"", {"scene": "dojo", "teach": "", "fingerprint": ""})
-    words = ["--no-sandbox", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"]
-    browser = driver.chromium.launch(executable_path=path, args=words)
+def open_phone(browser, words, rows=None, refusal="", **look):
+    """The page, which sees the drawn person, or the landmarks `rows`, and gets these words of its server.
+
+    refusal: with what the server ends the connection instead.
+    """
+    files = {"vision_bundle.mjs": drawn_model(landmarks() if rows is None else rows)}
+    pages = StaticPages(files, b"", {"scene": "dojo", "fingerprint": ""})
     page = browser.new_page(**look, bypass_csp=True, ignore_https_errors=True)
 
     def answer(route):
@@ -52,13 +55,31 @@ def draw_phone(driver, path, look):
 
     def scene(socket):
         socket.on_message(lambda text: None)
+        if refusal:
+            socket.send(json.dumps({"ended": refusal}))
+            socket.close(code=REFUSED, reason=refusal)
+            return
         socket.send(json.dumps({"welcome": {"scene": "dojo", "observer": "phone1", "secret": "s"}}))
-        socket.send(json.dumps({"words": WORDS}))
+        socket.send(json.dumps({"words": words}))
 
     page.route("**/*", answer)
     page.route_web_socket("**/socket", scene)
     page.goto(f"https://{HOST}/#code")
+    return page
+
+
+def launch(chromium, path):
+    """Chromium with a camera that shows no person."""
+    words = ["--no-sandbox", "--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"]
+    return chromium.launch(executable_path=path, args=words)
+
+
+def draw_phone(driver, path, look):
+    """A screenshot of the page; the bytes of a PNG."""
+    browser = launch(driver.chromium, path)
+    page = open_phone(browser, WORDS, **look)
     page.wait_for_function("document.getElementById('drawing').width > 100")
+    page.locator("#next", has_text="Do one: wave").wait_for()
     # The picture of the browser's own fake camera is no person's.
     page.add_style_tag(content="#video { visibility: hidden }")
     page.evaluate("document.getElementById('state').textContent = 'running, 15 pictures/s'")

@@ -174,11 +174,11 @@ class PhoneScene:
 
 
 class Cable:
-    """A line to a server that can be cut: TCP, this machine alone. A context manager."""
+    """A line to a server that can be cut: TCP, this machine alone. A context manager. sent: bytes to the server."""
 
     def __init__(self, port):
         self._target, self._listener, self._open = port, None, []
-        self.port = free_port()
+        self.port, self.sent = free_port(), 0
 
     def __enter__(self):
         self.mend()
@@ -208,13 +208,13 @@ class Cable:
                 return
             far = socket.create_connection(("127.0.0.1", self._target))
             self._open += [near, far]
-            for pair in ((near, far), (far, near)):
+            for pair in ((near, far, True), (far, near, False)):
                 threading.Thread(target=self._pump, args=pair, daemon=True).start()
 
-    @staticmethod
-    def _pump(source, target):
+    def _pump(self, source, target, is_sent):
         try:
             while piece := source.recv(65536):
+                self.sent += is_sent * len(piece)
                 target.sendall(piece)
         except OSError:
             pass

@@ -4,9 +4,10 @@ import time
 
 import pytest
 from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL, serious_findings
-from phone_stage import PhoneScene, performer
+from phone_stage import PhoneScene, Sniffer, performer
 
 from common.errors import LabanmeshError
+from hub.phone.phone_messages import read_message
 
 LEARN_S = 120.0
 WHOLE_S = 300.0
@@ -34,6 +35,7 @@ def phone(chromium, scene):
     )
     context.add_init_script(performer())
     page = context.new_page()
+    page.sniffer = Sniffer(page)
     page.set_default_timeout(LEARN_S * 1000)
     yield page
     context.close()
@@ -102,3 +104,6 @@ def test_from_the_code_to_the_first_own_movement_recognised(scene, phone, tmp_pa
     print(f"from the code to the first own movement recognised: {whole_s:.0f} s; {LIFE_S:g} s of them ordinary life")
     print("screenshots:", tmp_path)
     assert whole_s < WHOLE_S
+    kinds = {type(read_message(text)).__name__ for text in phone.sniffer.sent}
+    assert kinds == {"Join", "ClockAnswer", "PhoneTracks", "CameraState", "LessonRequest"}
+    assert {method for method, _, _ in phone.sniffer.requests} == {"GET"}

@@ -40,7 +40,7 @@ const connection = new Connection({
   complaint: (text) => teaching.complain(text),
   ended: (text) => {
     element("state").textContent = "not connected";
-    line = "Not connected.";
+    line = "Scan a new code: labanmesh phone shows it.";
     showFault("connection", text);
     showNext();
   },
@@ -48,7 +48,7 @@ const connection = new Connection({
 teaching = new Teaching(connection);
 
 function showNext() {
-  teaching?.show(words, line, placing.advice(nowMs()));
+  teaching?.show(words, line, pose ? placing.advice(nowMs()) : ["The pose model is loading, once: 10 MB.", false]);
 }
 
 function showWords(newWords) {
@@ -59,7 +59,7 @@ function showWords(newWords) {
   const time = verdict ? new Date(verdict.began_ms).toLocaleTimeString() : "";
   element("agreement").textContent = verdict ? `${verdict.k} of ${verdict.n} agreed, ${time}` : "";
   element("decided").classList.toggle("now", Boolean(verdict && !verdict.ended));
-  const percent = (each) => `${each.label} ${Math.round(100 * each.p)} %`;
+  const percent = (each) => `${each.label} ${Math.round(100 * each.p)}%`;
   element("own").textContent =
     `This camera: ${own ? percent(own) : "sees no movement"}. ` + (judged && words.moves ? `Referee: ${percent(judged)}.` : words.why);
 }

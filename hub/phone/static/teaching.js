@@ -68,7 +68,7 @@ export class Teaching {
     hide($("lesson"), !lesson);
     hide($("stop"), !lesson || lesson.over);
     hide($("teach"), !this.#words.teaches || Boolean(lesson) || !runs || !this.#known.length);
-    put($("teach"), this.#isOpen ? "Not now" : "Teach it more");
+    put($("teach"), this.#isOpen ? "Not now" : "Teach more");
     if (choosing) this.#showChoice();
     if (lesson) showLesson(this.#words.lesson, this.#acts(lesson));
     // In a lesson the stage says it; but nobody can begin a take unseen.
