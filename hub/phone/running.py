@@ -65,7 +65,7 @@ def run_phones(run: PhoneRun) -> None:
     )
     with (
         bound_socket(run.listen, "--listen") as port,
-        bound_socket(Address("127.0.0.1", _next(port)), "the port above --listen") as local,
+        bound_socket(Address("127.0.0.1", _port_above(run.listen)), "the port above --listen") as local,
         stop_on_signals() as stop,
         Notifier.from_environment() as supervisor,
         instrumented([scene], "phone") as instrumentation,
@@ -167,6 +167,6 @@ def _show(codes: ShownCodes, page: str) -> None:
     print(f"the codes on this machine's screen: {page}", flush=True)
 
 
-def _next(port: socket.socket) -> int:
-    number = int(port.getsockname()[1])
-    return number + 1 if number < 65535 else 0
+def _port_above(listen: Address) -> int:
+    """Of the page with the codes; 0, any free one, if the phones' page has any, too."""
+    return listen.port + 1 if 0 < listen.port < 65535 else 0

@@ -1,11 +1,12 @@
 """A phone's page in Chromium: the pose model runs there, real processes take its tracks, and nothing else leaves it."""
 
 import json
+import os
 import statistics
 import time
 
 import pytest
-from phone_stage import Cable, PhoneScene, Sniffer, film_of_wave, phone_browser, port_of, with_port
+from phone_stage import Cable, Intruder, PhoneScene, Sniffer, ages_ms, film_of_wave, phone_browser, port_of, with_port
 from processes import until
 
 from common.errors import LabanmeshError
@@ -16,6 +17,22 @@ BUSY_S = 60.0
 FIRST_POSTERIOR_S = 20.0
 BACK_S = 15.0
 LOOK_S = 8.0
+LONG = os.environ.get("LABANMESH_FAULTS") == "long"
+CUTS_S = (1.0, 10.0, 60.0) if LONG else (1.0, 6.0)
+SLOW_S = 180.0
+"""How long a slow browser is looked at: in thirds."""
+REQUESTS = 60_000
+"""Bytes of the handshakes and the requests for the page's files; a second of pictures would have more."""
+OLD_MS = 1200.0
+"""No track that reaches the observer is older: hub/phone/phone_clock.py drops later ones, and its clock may be off."""
+
+
+# A headless browser never hides a page: the page is told so, and its pictures stop as they do then.
+VISIBILITY = """hidden => {
+  Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+  document.getElementById("video")[hidden ? "pause" : "play"]();
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -73,40 +90,61 @@ def looks(page):
 
 
 def test_from_the_code_to_the_first_posterior_only_tracks_leave_the_phone(scene, phone):
-    began_s = time.monotonic()
-    page = phone(scene.link)
-    wait(page, lambda: scene.posteriors.take(0.0), looks(page))
-    first_s = time.monotonic() - began_s
-    page.wait_for_timeout(3000)
+    with Cable(port_of(scene.link)) as cable:
+        link = with_port(scene.link, cable.port)
+        began_s = time.monotonic()
+        page = phone(link)
+        wait(page, lambda: scene.posteriors.take(0.0), looks(page))
+        first_s = time.monotonic() - began_s
+        page.wait_for_timeout(3000)
+        messages = sum(map(len, page.sniffer.sent))
+        print(f"\n{cable.sent} bytes left the phone, {messages} of them messages")
+        assert cable.sent < 1.5 * messages + REQUESTS, "what leaves the phone are the messages that are looked at below"
     assert page.evaluate("location.hash") == "" and page.inner_text("#observer") == "phone1"
     assert page.evaluate("document.getElementById('drawing').width") > 0
     kinds = {}
     for text in page.sniffer.sent:
         assert len(text) <= MESSAGE_LIMIT
         kinds.setdefault(type(read_message(text)).__name__, []).append(json.loads(text))
-    print(f"\nfirst posterior after {first_s:.1f} s; sent { {kind: len(each) for kind, each in kinds.items()} }")
+    print(f"first posterior after {first_s:.1f} s; sent { {kind: len(each) for kind, each in kinds.items()} }")
     assert set(kinds) == {"Join", "ClockAnswer", "PhoneTracks", "CameraState"} and len(kinds["Join"]) == 1
     assert all(set(each["tracks"]["parts"]) == set(WHOLE_BODY) for each in kinds["PhoneTracks"])
-    place = scene.link.partition("#")[0]
+    place = link.partition("#")[0]
     code = scene.link.partition("#")[2]
     for method, url, body in page.sniffer.requests:
         assert method == "GET" and url.startswith(place) and body is None and code not in url.partition("#")[0]
     assert first_s < FIRST_POSTERIOR_S
 
 
+def test_over_a_secured_router_a_phone_is_a_camera_that_may_be_taught(phone, film, tmp_path):
+    with PhoneScene(tmp_path, is_secured=True) as scene:
+        page = phone(scene.link)
+        wait(page, lambda: scene.posteriors.take(0.0), looks(page))
+        page.get_by_role("button", name="Teach more").click()
+        page.get_by_role("button", name="Begin the lesson").wait_for()
+        assert not scene.taken(), "tracks are for the observer alone"
+
+
 def test_a_cut_line_and_a_page_that_was_left_come_back_by_themselves(scene, phone):
     with Cable(port_of(scene.link)) as cable:
         page = phone(with_port(scene.link, cable.port))
         wait(page, scene.taken, looks(page))
-        for cut_s in (1.0, 6.0):
+        for cut_s in CUTS_S:
             cable.cut()
+            page.locator("#next", has_text="the connection is lost; trying again").or_(
+                page.locator("#next", has_text="connecting again")
+            ).wait_for()
             page.wait_for_timeout(1000 * cut_s)
-            scene.taken()
+            scene.taken(), scene.posteriors.take(0.0)
             cable.mend()
             back_s = time.monotonic()
             arrived = wait(page, scene.taken, looks(page), BACK_S)
-            print(f"\ncut for {cut_s:g} s: tracks again after {time.monotonic() - back_s:.1f} s")
-            assert all(at_ns - line["captured_ns"] < 1.2e9 for at_ns, line in arrived)
+            tracks_s = time.monotonic() - back_s
+            wait(page, lambda: scene.posteriors.take(0.0), looks(page), BACK_S)
+            print(
+                f"\ncut for {cut_s:g} s: tracks after {tracks_s:.1f} s, a posterior {time.monotonic() - back_s:.1f} s"
+            )
+            assert max(ages_ms(arrived)) < OLD_MS and page.locator("#fault").is_hidden()
         page.goto("about:blank")
         scene.taken()
         page.goto(with_port(scene.link, cable.port).partition("#")[0])
@@ -131,8 +169,47 @@ def test_two_phones_with_one_code_and_one_that_is_revoked(scene, phone):
     assert not scene.taken()
 
 
+def test_a_page_that_was_hidden_goes_on_when_it_is_shown(scene, phone):
+    page = phone(scene.link)
+    wait(page, scene.taken, looks(page))
+    page.evaluate(VISIBILITY, True)
+    wait(page, lambda: any("is hidden" in line for line in scene.lines), lambda: scene.lines[-3:])
+    page.wait_for_timeout(1000)  # for what was on the way
+    scene.taken()
+    page.wait_for_timeout(2000)
+    assert not scene.taken(), "a hidden page sees nothing"
+    page.evaluate(VISIBILITY, False)
+    assert max(ages_ms(wait(page, scene.taken, looks(page), BACK_S))) < OLD_MS
+
+
+def test_nothing_reaches_the_observer_that_is_not_from_the_holder_of_the_code(scene, phone):
+    code = scene.link.partition("#")[2]
+    intruder = Intruder(scene.link)
+    page = phone(scene.link)
+    wait(page, scene.taken, looks(page))
+    secret = page.evaluate("localStorage.getItem('labanmesh-phone')")
+    forged = [{"tracks": intruder.tracks()}, {"join": {"code": "forged"}}, {"resume": {"secret": secret[:-1]}}]
+    replayed = [{"join": {"code": code}}, *map(json.loads, page.sniffer.sent[:6])]
+    endings = [intruder.ending(**each) for each in forged + replayed]
+    print("\n" + "\n".join(sorted(set(endings))))
+    assert all(each and "\n" not in each for each in endings)
+    arrived = wait(page, scene.taken, looks(page))
+    page.wait_for_timeout(2000)
+    arrived += scene.taken()
+    assert len(arrived) > 5 and not any(intruder.made(line) for _, line in arrived)
+    assert page.locator("#fault").is_hidden() and scene.posteriors.take(0.0)
+    scene.revoke()
+    wait(page, lambda: "revoked" in page.inner_text("#fault"), looks(page))
+    assert "revoked" in intruder.ending(resume={"secret": secret})
+    scene.taken()
+    page.wait_for_timeout(1000)
+    assert not scene.taken()
+
+
+@pytest.mark.skipif(not LONG, reason="three minutes: LABANMESH_FAULTS=long; a minute of it is in test_phone_slow.py")
 @pytest.mark.parametrize("times", [4, 6])
-def test_a_slow_browser_sends_fewer_tracks_and_no_older_ones(scene, phone, times):
+@pytest.mark.timeout(2 * SLOW_S + 120)
+def test_tracks_of_a_slow_browser_do_not_grow_old(scene, phone, times):
     page = phone(scene.link)
     page.context.new_cdp_session(page).send("Emulation.setCPUThrottlingRate", {"rate": times})
     wait(page, scene.taken, looks(page))
@@ -140,10 +217,11 @@ def test_a_slow_browser_sends_fewer_tracks_and_no_older_ones(scene, phone, times
     scene.taken()
     ages = []
     for _ in range(3):
-        page.wait_for_timeout(1000 * LOOK_S)
-        ages.append([(at_ns - line["captured_ns"]) / 1e6 for at_ns, line in scene.taken()])
+        page.wait_for_timeout(1000 * SLOW_S / 3)
+        ages.append(ages_ms(scene.taken()))
     medians = [statistics.median(each) for each in ages if each]
-    print(f"\n{times} times slower: {[len(each) / LOOK_S for each in ages]} tracks a second, {medians} ms old")
+    rates = [round(3 * len(each) / SLOW_S, 1) for each in ages]
+    print(f"\n{times} times slower: {rates} tracks a second, {[round(each) for each in medians]} ms old")
     assert len(medians) == 3 and medians[2] < medians[0] + 200
 
 
