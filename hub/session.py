@@ -53,13 +53,13 @@ def listen(
     The last values are queried first, so that a late joiner knows them at once; the last verdicts again when a fusion
     service appears, as after a lost link: what it published meanwhile was lost. Rejected messages are counted in the
     state. `clock` is this machine's time in ns since the epoch. newest_only: of all judgements since the last look only
-    the newest is decoded, for hubs that pass on a few a second.
+    the newest is decoded, of several people as many of the newest, for hubs that pass on a few a second.
     """
     keys, filters = scene.keys, _Filters()
     state = SceneState(scene.scene, scene.roster, clock(), services=scene.services)
     events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary, keys.fall)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
-    newest = link.inbox(keys.judgement, limit=1) if newest_only else None
+    newest = link.inbox(keys.judgement, limit=scene.people.most) if newest_only else None
     services, late = link.presence(keys.fusion_alive(), map(keys.fusion_alive, scene.services)), Inbox()
     answers = link.ask_each(f"{keys.root}/**", QUERY_S)
     appearances, waiting = services.appearances, inbox.take(0.0)

@@ -37,7 +37,8 @@ PING_S = 10
 FORM_LIMIT = 2048
 MAX_AT_S = 1e9
 MAX_SPEED = 64.0
-SCRIPTS = ("page.js", "verdicts.js", "judges.js", "counter.js", "charts.js", "phones.js", "words.js", "elements.js")
+MODULES = ("page", "verdicts", "people", "judges", "counter", "charts", "phones", "words", "elements")
+SCRIPTS = tuple(f"{name}.js" for name in MODULES)
 STATIC = {"/": "page.html", **{f"/{name}": name for name in ("style.css", "icon.svg", *SCRIPTS)}}
 NO_PICTURE: Mapping[PictureState, tuple[int, str]] = {
     "none yet": (204, ""),

@@ -14,7 +14,7 @@ import numpy as np
 
 from observer.camera.base import require_picture
 from observer.tracking.company import GROWTH, SPEED, STEP
-from observer.tracking.people import Body, PersonModel, Pose, Rgb, area_about, distinct
+from observer.tracking.people import Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
 from observer.tracking.person_keeper import Detection, PersonKeeper
 from observer.tracking.pose import COMPLAINT, NOBODY_S, Hand, landmarks_of, read_pose, require_hand
 from observer.tracking.search_areas import Sweep
@@ -125,7 +125,9 @@ class SeveralPoses:
             searched = searched if cover is None else cover.covered(searched)
         areas = [self._sweep.whole, *(area for _, area in self._sweep.next(squares, None))]
         bodies = distinct([body for area in areas for body in self._followed[0].model.find(searched, area, self._ms)])
-        return [each for body in bodies if (each := self._begin(rgb, body, known)) is not None]
+        # Where more people are in the picture than are followed, those in the background are left out.
+        largest = FollowRule().ordered(bodies, size)
+        return [each for body in largest if (each := self._begin(rgb, body, known)) is not None]
 
     def _begin(self, rgb: Rgb, body: Body, known: Sequence[Body]) -> tuple[_ModelCopy, Pose] | None:
         if any(body.distance(one) < ONE * one.height for one in known):

@@ -4,6 +4,7 @@ from itertools import count
 
 import pytest
 
+from common.config import read_scene
 from common.messages import VocabularyReference
 from common.wire import encode
 from hub.session import listen
@@ -152,3 +153,17 @@ def test_a_verdict_of_the_vocabulary_before_is_known_to_late_joiners_and_ends(sc
     link = fake_link(pairs(vocabulary=new, judgement=judgement, verdict=old), pairs(verdict=ended))
     state = last(listen(scene, link, looks(1)))
     assert state.rejected == 0 and state.verdicts[0].ended_ns == make.NOON + 1
+
+
+def test_of_the_judgements_of_two_people_the_newest_of_each_is_decoded(make, fake_link, tmp_path):
+    """A fusion service publishes them at once, at every step: of one only the last person's would ever be seen."""
+    text = 'scene = "room"\n[people]\nmost = 2\nnames = ["left", "right"]\n[observers.cam1]\nsource = "a.npz"\n'
+    (tmp_path / "s.toml").write_text(text)
+    judgements = [
+        pairs(judgement=make.judgement(seq, make.NOON + seq, person=person))[0]
+        for seq in range(1, 9)
+        for person in ("left", "right")
+    ]
+    link = fake_link((), judgements)
+    state = last(listen(read_scene(tmp_path / "s.toml", {}), link, looks(1), lambda: make.NOON, newest_only=True))
+    assert [(each.person, each.seq) for each in state.people] == [("left", 8), ("right", 8)]

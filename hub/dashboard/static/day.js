@@ -1,6 +1,6 @@
 // The day page: what the hub's machine has kept of one day, as a strip and as a list.
 import { $, draw, hide, make, put, stored } from "./elements.js";
-import { age, agree, clock, count, percent, ofPerson, scoreWords, words } from "./words.js";
+import { age, agree, clock, count, nameOf, percent, ofPerson, scoreWords, words } from "./words.js";
 
 const MINUTE_MS = 60000, PAGE = 200, AGAIN_MS = 10000;
 const shown = { rows: [], remembered: 0, clips: {}, number: PAGE };
@@ -37,7 +37,7 @@ function layLabels(labels) {
 }
 const whatIs = (row) => row.kind === "fall" ? "falls" : row.label === "abstain" ? "no agreement" : words(row.label);
 function what(row) {
-  if (row.kind === "fall") return `${row.person || "Somebody"} ${row.ended === null ? "has fallen" : "fell, up again"}`;
+  if (row.kind === "fall") return `${row.person ? nameOf(row.person) : "Somebody"} ${row.ended === null ? "has fallen" : "fell, up again"}`;
   const label = (row.revises ? `${words(row.revises)} → ` : "") + whatIs(row);
   return ofPerson(row) + (row.repetitions ? `${label}, ${count(row.repetitions, "time")}` : label) + scoreWords(row);
 }

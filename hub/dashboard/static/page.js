@@ -3,9 +3,10 @@ import { $, attribute, hide, make, mark, part, put, showAdvice, store, stored } 
 import { MINUTE_MS, layMat, showCharts, watchCharts } from "./charts.js";
 import { clearJudges, showJudges } from "./judges.js";
 import { clearCounter, showCounter } from "./counter.js";
+import { showPeople } from "./people.js";
 import { offerPhones } from "./phones.js";
 import { showLast, showList } from "./verdicts.js";
-import { advice, agree, clock, count, labelWords } from "./words.js";
+import { advice, agree, clock, count, labelWords, nameOf } from "./words.js";
 
 const QUIET_MS = 4000, AGAIN_MS = 1000, LOG_LIMIT = 100;
 const known = { setup: null, state: null, verdicts: [], minute: [], updated: 0 };
@@ -67,6 +68,7 @@ function requestShow() {
     showFall(state);
     showAdvice($("advice"), advice(setup, state));
     showLast(verdicts[0], state);
+    showPeople(state.people ?? []);
     showCounter(verdicts, state, (text) => put($("announcement"), text));
     showJudges(setup, state);
     showCharts(setup, state, verdicts, minute);
@@ -78,7 +80,7 @@ function showFall(state) {
   hide($("fall"), !lies);
   if (!lies) return;
   mark($("fall"), "kind", fall.stage);
-  const [k, n] = fall.agreement, who = fall.person || "Somebody", word = fall.stage === "fallen" ? `${who} has fallen` : `${who} lies`;
+  const [k, n] = fall.agreement, who = fall.person ? nameOf(fall.person) : "Somebody", word = fall.stage === "fallen" ? `${who} has fallen` : `${who} lies`;
   const sight = n ? `${k} of ${count(n, "judge")} ${n === 1 ? "sees" : "see"} it` : "nobody is seen now";
   part($("fall"), [word, fall.since, k, n], () => [make("p", "verdict", word), make("p", "quiet", `since ${clock(fall.since)}, ${sight}`)]);
 }

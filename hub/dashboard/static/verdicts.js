@@ -14,9 +14,6 @@ export function showLast(last, state) {
   put($("seen"), last ? seenBy(last) : "");
   put($("agreed"), last ? agreementWords(last, state) : "");
   put($("undecided"), state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
-  const people = state.people ?? [];
-  hide($("people"), people.length === 0);
-  part($("people"), people.map((each) => each.words), () => people.map((each) => make("li", "", words(each.words))));
 }
 
 /* The list: a row for each verdict, and below it, on request, its reasons. */

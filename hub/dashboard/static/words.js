@@ -1,4 +1,6 @@
 // What the page says about a scene. An observer is shown to people as a judge, and fusion as the referee.
+import { stored } from "./elements.js";
+
 const SLOW_CLOCK_S = 0.5, NAMES_LIMIT = 6, ROUNDING_BITS = 0.001;
 
 export const percent = (value) => `${Math.round(value * 100)}%`;
@@ -18,7 +20,9 @@ function listed(names) {
 }
 
 /* Verdicts. */
-export const ofPerson = (verdict) => verdict.person ? `${verdict.person}: ` : "";
+/* One of several people, by the name that this browser's user has given them. */
+export const nameOf = (person) => stored(`name-${person}`) || person;
+export const ofPerson = (verdict) => verdict.person ? `${nameOf(verdict.person)}: ` : "";
 export const labelWords = (verdict) => ofPerson(verdict) + (verdict.abstain ? "no agreement" : words(verdict.label));
 export const verdictWords = (verdict) => (verdict.revises === null ? "" : `${words(verdict.revises)} → `) + labelWords(verdict);
 export const scoreWords = (verdict) => typeof verdict.score === "number" ? `, ${verdict.score.toFixed(1)} of 10` : "";
