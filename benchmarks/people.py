@@ -55,13 +55,14 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """alone: right verdicts of people alone. kept: of these, beside the other. wrong: verdicts beside the other that
-    whoever has the id has not performed then. exchanged: whether both have another id after the crossing, lost: whether
-    one has none.
+    """alone: right verdicts of people alone. kept: of these, beside the other. wrong_alone, wrong: verdicts alone, and
+    beside the other, that whoever has the id has not performed then. exchanged: whether both have another id after the
+    crossing, lost: whether one has none.
     """
 
     alone: int
     kept: int
+    wrong_alone: int
     wrong: int
     performed: int
     exchanged: bool
@@ -98,7 +99,7 @@ def judged(trial: Trial) -> Result:
     one, other = (person.positions for person in trial.people)
     nobody = np.full_like(one, np.nan)
     both = Stage(trial.models, trial.rate_hz).run(np.concatenate([one, other], axis=1))
-    alone = kept = wrong = total = 0
+    alone = kept = wrong_alone = wrong = total = 0
     exchanged = lost = False
     for number, person in enumerate(trial.people):
         content = [one, nobody] if number == 0 else [nobody, other]
@@ -112,9 +113,10 @@ def judged(trial: Trial) -> Result:
         right = [verdict for verdict in own.verdicts if is_right(verdict, person, trial.rate_hz)]
         alone += len(right)
         kept += sum(any(is_same(verdict, each) for each in theirs) for verdict in right)
+        wrong_alone += sum(verdict.label != "abstain" for verdict in own.verdicts) - len(right)
         wrong += sum(verdict.label != "abstain" and not is_right(verdict, person, trial.rate_hz) for verdict in theirs)
         total += len(person.spans)
-    return Result(alone, kept, wrong, total, exchanged, lost)
+    return Result(alone, kept, wrong_alone, wrong, total, exchanged, lost)
 
 
 def is_right(verdict: VerdictMessage, person: RoomPart, rate_hz: float, begin_ns: int = BEGIN_NS) -> bool:
@@ -152,19 +154,19 @@ def main(
     if cost:
         _print_cost(data, models, show.split(",")[0], seed)
         return
-    print("apart_m cameras performed alone kept share wrong exchanged lost", flush=True)
+    print("apart_m cameras performed alone kept share wrong_alone wrong exchanged lost", flush=True)
     for metres in map(float, apart.split(",")):
         for number in numbers:
             trials = [
                 trial_of(data, models[:number], pair, metres, takes, seed + n) for n, pair in enumerate(pairs_of(show))
             ]
             results = [judged(trial) for trial in trials]
-            alone, kept, wrong, total, exchanged, lost = (
+            alone, kept, wrong_alone, wrong, total, exchanged, lost = (
                 sum(getattr(result, name) for result in results)
-                for name in ("alone", "kept", "wrong", "performed", "exchanged", "lost")
+                for name in ("alone", "kept", "wrong_alone", "wrong", "performed", "exchanged", "lost")
             )
-            print(f"{metres:7g} {number:7d} {total:9d} {alone:5d} {kept:4d} {kept / max(alone, 1):5.3f} {wrong:5d} "
-                  f"{exchanged:5d}/{len(trials)} {lost}", flush=True)  # fmt: skip
+            print(f"{metres:7g} {number:7d} {total:9d} {alone:5d} {kept:4d} {kept / max(alone, 1):5.3f} "
+                  f"{wrong_alone:5d} {wrong:5d} {exchanged:5d}/{len(trials)} {lost}", flush=True)  # fmt: skip
 
 
 def _print_cost(data: MotionArchive, models: Sequence[MovementModel], subject: str, seed: int) -> None:

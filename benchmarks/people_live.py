@@ -10,6 +10,7 @@ import pickle
 import sys
 import tempfile
 import time
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from subprocess import Popen
@@ -110,10 +111,11 @@ def _run_of(received: Received, begin_ns: int, trial: Trial) -> Run:
 
 def _print_run(title: str, run: Run, begin_ns: int, trial: Trial) -> None:
     """A line for each verdict, and the counts."""
-    right, wrong, owners = set[tuple[int, int]](), 0, dict[str, int]()
+    right, wrong, votes = set[tuple[int, int]](), 0, Counter[tuple[str, int]]()
     for number, person in enumerate(trial.people):
         names = (run.id_at(frame, middle_of(person, frame)) for frame in range(person.crossing[0]))
-        owners |= {name: number for name in names if name is not None}
+        votes.update((name, number) for name in names if name is not None)
+    owners = dict(key for key, _ in reversed(votes.most_common()))
     for verdict in sorted(run.verdicts, key=lambda each: each.began_ns):
         number = owners.get(verdict.person or "", 0)
         person = trial.people[number]

@@ -10,7 +10,9 @@ from observer.tracks import WHOLE_BODY, Frame
 
 SIZE = 640, 480
 HEIGHT = 200.0
-SHAPES = {c: np.random.default_rng(n).uniform(-0.12, 0.12, (33, 2)) for n, c in enumerate((60, 90, 180))}
+HEIGHTS = {30: 120.0}
+"""Of somebody in the background."""
+SHAPES = {c: np.random.default_rng(n).uniform(-0.12, 0.12, (33, 2)) for n, c in enumerate((60, 90, 180, 30))}
 
 
 def picture(people):
@@ -31,11 +33,15 @@ class Drawn:
 
     def _people(self, rgb, left=0):
         row = rgb[240, :, 0] if len(rgb) > 240 else rgb[0, :, 0]
-        return [(shade, left + float(np.flatnonzero(row == shade).mean())) for shade in SHAPES if (row == shade).any()]
+        return [
+            (shade, left + float(np.flatnonzero(row == shade).mean()))
+            for shade in sorted(SHAPES)
+            if (row == shade).any()
+        ]
 
     def find(self, rgb, area, ms):
         cut = rgb[:, area.left : area.left + area.width]
-        return [Body(u, 240.0, HEIGHT) for _, u in self._people(cut, area.left)]
+        return [Body(u, 240.0, HEIGHTS.get(shade, HEIGHT)) for shade, u in self._people(cut, area.left)]
 
     def pose(self, rgb, body, ms):
         near = min(self._people(rgb), key=lambda each: abs(each[1] - body.u), default=None)
@@ -43,7 +49,7 @@ class Drawn:
             return None
         shade, u = near
         marks = SHAPES[shade] * HEIGHT / 0.3 + [u, 240.0]
-        return Pose(np.column_stack([marks / SIZE, np.ones(33)]), Body(u, 240.0, HEIGHT))
+        return Pose(np.column_stack([marks / SIZE, np.ones(33)]), Body(u, 240.0, HEIGHTS.get(shade, HEIGHT)))
 
     def restart(self):
         pass
@@ -104,6 +110,13 @@ def test_no_more_than_wanted_are_followed(film):
     for _ in range(20):
         shown = film.show(a60=100, b90=320, c180=550)
     assert len(shown) == 2
+
+
+def test_of_more_people_than_are_followed_those_in_the_background_are_left_out(film):
+    """They come first where a search finds them first."""
+    for _ in range(10):
+        shown = film.show(a30=60, b90=320, c180=550)
+    assert sorted(shown.values()) == [320, 550]
 
 
 def test_an_empty_room_is_complained_of(film):
