@@ -3,18 +3,22 @@
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from benchmarks.command_line import markdown_table, recordings_folder, run_command
+from common.parallel import cores, run_parts
 from common.progress import ProgressBar
 from fusion.score_pool import JudgedScore, pooled_score
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.motion.archive_file import read_archive
-from observer.score.limbs import JOINTS, joints_of
+from observer.score.alignment import Alignment, AlignmentPart
+from observer.score.limbs import JOINTS, joints_of, places_of
 from observer.score.references import JudgeScore, ReferenceTakes
-from observer.tracks import Floats
+from observer.score.remarks import Remark
+from observer.tracks import Floats, Floats32
 from studies.scoring.judging import (
     SeenPerformance,
     agreed_remarks,
@@ -29,7 +33,7 @@ LIES = (0.0, 10.0)
 DISTAL = {"elbow": ("hand",), "knee": ("foot",), "shoulder": ("elbow", "hand"), "hip": ("knee", "foot")}
 """The parts that turn with a joint."""
 PER_PERSON = 2
-"""Takes of each person and exercise in which joints are bent, each joint once."""
+"""Takes of each person and exercise in which joints are bent, each joint once, by other takes of the same person."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,35 +58,28 @@ class _Judged:
         return self.scores[view].score or 0.0
 
 
-def scores(exercises: int = 10, first: int = 0, remarks: bool = True) -> None:
+def scores(exercises: int = 10, first: int = 0, remarks: bool = True, jobs: int = 0) -> None:
     """Print how well scores tell correct from incorrect repetitions, and how often remarks name the bent limb.
 
-    LABANMESH_DATA names the folder of recordings. remarks: try them too, which takes as long again.
+    LABANMESH_DATA names the folder of recordings. remarks: try them too, which takes as long again. jobs: processes; 0:
+    one for each processor core.
 
     Example: python -m benchmarks.scores --exercises 2 --no-remarks
     """
     archive = read_archive(recordings_folder() / "ui_prmd" / "repetitions.npz")
-    parts, labels = archive.body_parts, sorted({each.label for each in archive.recordings})[first : first + exercises]
-    judged, remarked = list[_Judged](), dict[str, list[tuple[bool, bool]]]()
+    labels = sorted({each.label for each in archive.recordings})[first : first + exercises]
+    shown = {label: [e for e in archive.recordings if e.label == label and len(e.positions) >= 10] for label in labels}
+    tries = {label: [*_tries(own, archive.body_parts)] if remarks else [] for label, own in shown.items()}
+    parts = [_ExerciseView(view, shown[label], tries[label], archive.body_parts) for label in labels for view in VIEWS]
     with ProgressBar() as bar:
-        for n, label in enumerate(labels):
-            bar("exercises", n, len(labels))
-            own = [each for each in archive.recordings if each.label == label and len(each.positions) >= 10]
-            sides = {
-                view: [(shown_takes(parse_view(view), each, parts), each.subject) for each in own if _is_correct(each)]
-                for view in VIEWS
-            }
-            for person in sorted({each.subject for each in own}):
-                known = {
-                    view: learned_references([each for each in sides[view] if each[1] != person], parts)
-                    for view in VIEWS
-                }
-                performed = [each for each in own if each.subject == person]
-                judged += [_Judged(label, _is_correct(each), _scores(known, each, parts)) for each in performed]
-                if not remarks:
-                    continue
-                _remark("of others", known, [e for e in performed if _is_correct(e)][:1], parts, remarked)
-                _remark_by_own(performed, parts, remarked)
+        results = run_parts(_judged_by, parts, jobs or cores(), lambda n, total: bar("exercises, by view", n, total))
+    judged, remarked = list[_Judged](), dict[str, list[tuple[bool, bool]]]()
+    for n, label in enumerate(labels):
+        by_view = dict(zip(VIEWS, results[n * len(VIEWS) :], strict=False))
+        for place, each in enumerate(shown[label]):
+            judged.append(_Judged(label, _is_correct(each), {view: own[0][place] for view, own in by_view.items()}))
+        for place, trial in enumerate(tries[label]):
+            trial.note(agreed_remarks({view: own[1][place] for view, own in by_view.items()}), remarked)
     print(
         "\n".join([*_by_exercise(judged, labels), "", *_together(judged), "", *(_remarks(remarked) if remarks else ())])
     )
@@ -92,35 +89,86 @@ def _is_correct(recording: Recording) -> bool:
     return not recording.trial.endswith("_inc")
 
 
-def _scores(known: Mapping[str, ReferenceTakes], recording: Recording, parts: tuple[str, ...]) -> dict[str, JudgeScore]:
-    performed = {view: SeenPerformance.of(parse_view(view), recording, parts) for view in known}
-    return {view: known[view].judge(each.trace, each.seen) for view, each in performed.items()}
+@dataclass(frozen=True, slots=True)
+class _Try:
+    """A correct take of which remarks are wanted. limb: of the joint that is bent in it; "": unchanged.
+
+    name: of the row of the table. references: other takes of the person; empty: those of other people.
+    """
+
+    name: str
+    limb: str
+    take: Recording
+    references: Sequence[Recording] = ()
+
+    def note(self, remarks: Sequence[Remark], remarked: dict[str, list[tuple[bool, bool]]]) -> None:
+        """Note whether it is right: no remark on an unchanged take, and the limb of a bent joint in the first one."""
+        right = bool(remarks) and remarks[0].limb == self.limb if self.limb else not remarks
+        remarked.setdefault(self.name, []).append((right, bool(remarks)))
 
 
-def _remark_by_own(
-    performed: Sequence[Recording], parts: tuple[str, ...], remarked: dict[str, list[tuple[bool, bool]]]
-) -> None:
-    """The person's own takes are the references: what somebody who trains with a teacher, or alone, does."""
-    own = [each for each in performed if _is_correct(each)]
-    known = {view: references_of(parse_view(view), own[PER_PERSON:], parts) for view in VIEWS}
-    _remark("of the same person", known, own[:PER_PERSON], parts, remarked)
+def _tries(performed: Sequence[Recording], parts: tuple[str, ...]) -> Iterator[_Try]:
+    """By the person's own takes, what somebody who trains with a teacher, or alone, does; and by those of others."""
+    for person in sorted({each.subject for each in performed}):
+        own = [each for each in performed if each.subject == person and _is_correct(each)]
+        for name, takes, references in (
+            ("of others", own[:1], ()),
+            ("of the same person", own[:PER_PERSON], own[PER_PERSON:]),
+        ):
+            for take in takes:
+                yield _Try(f"{name}, unchanged", "", take, references)
+                for joint in joints_of(parts):
+                    changed = bent(take, joint.name, parts)
+                    yield _Try(f"{name}, {joint.name.split()[1]}", joint.limb, changed, references)
 
 
-def _remark(
-    name: str,
-    known: Mapping[str, ReferenceTakes],
-    takes: Sequence[Recording],
-    parts: tuple[str, ...],
-    remarked: dict[str, list[tuple[bool, bool]]],
-) -> None:
-    """Note whether unchanged takes have no remark, and whether the first remark names the limb of a bent joint."""
-    for take in takes[:PER_PERSON]:
-        is_remarked = bool(agreed_remarks(_scores(known, take, parts)))
-        remarked.setdefault(f"{name}, unchanged", []).append((not is_remarked, is_remarked))
-        for joint in joints_of(parts):
-            remarks = agreed_remarks(_scores(known, bent(take, joint.name, parts), parts))
-            right = bool(remarks) and remarks[0].limb == joint.limb
-            remarked.setdefault(f"{name}, {joint.name.split()[1]}", []).append((right, bool(remarks)))
+@dataclass(frozen=True, slots=True)
+class _ExerciseView:
+    """One exercise as one view sees it."""
+
+    view: str
+    shown: Sequence[Recording]
+    tries: Sequence[_Try]
+    body_parts: tuple[str, ...]
+
+
+class SharedAlignments:
+    """Aligns takes with each other once, whichever of them are left out afterwards."""
+
+    def __init__(self, takes: Sequence[Floats32]) -> None:
+        self._takes, self._place = takes, {take.tobytes(): n for n, take in enumerate(takes)}
+        self._known: dict[int, Alignment] = {}
+
+    def __call__(self, performance: Floats32, takes: Sequence[Floats32]) -> Alignment | AlignmentPart:
+        own = self._place.get(performance.tobytes())
+        if own is None:
+            return Alignment(performance, takes)
+        if own not in self._known:
+            self._known[own] = Alignment(performance, self._takes)
+        return AlignmentPart(self._known[own], [self._place[take.tobytes()] for take in takes])
+
+
+def _judged_by(part: _ExerciseView) -> tuple[list[JudgeScore], list[JudgeScore]]:
+    """What a view says of each performance, and of each try, by the takes of other people."""
+    view, parts = parse_view(part.view), part.body_parts
+    sides = [(shown_takes(view, each, parts), each.subject) for each in part.shown if _is_correct(each)]
+    align = SharedAlignments([places_of(each.trace) for own, _ in sides for each in own])
+    people = sorted({each.subject for each in part.shown})
+    of_others = {who: learned_references([e for e in sides if e[1] != who], parts, align) for who in people}
+
+    def judged(take: Recording, known: ReferenceTakes) -> JudgeScore:
+        seen = SeenPerformance.of(view, take, parts)
+        return replace(known.judge(seen.trace, seen.seen), band=None)
+
+    @cache
+    def own(person: str) -> ReferenceTakes:
+        return references_of(
+            view, next(e for e in part.tries if e.take.subject == person and e.references).references, parts
+        )
+
+    scored = [judged(each, of_others[each.subject]) for each in part.shown]
+    tried = [judged(e.take, own(e.take.subject) if e.references else of_others[e.take.subject]) for e in part.tries]
+    return scored, tried
 
 
 def bent(recording: Recording, joint: str, body_parts: Sequence[str], degrees: float = BENT_DEGREES) -> Recording:

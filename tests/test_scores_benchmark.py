@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.scores import bent
+from benchmarks.scores import SharedAlignments, bent
+from observer.geometry.views import parse_view
 from observer.motion.archive_file import read_archive
-from observer.score.limbs import joints_of
+from observer.score.limbs import joints_of, places_of
+from studies.performer import perform
+from studies.scoring.judging import learned_references, shown_takes
 
 
 @pytest.mark.parametrize("joint", ["left knee", "right elbow", "left shoulder", "right hip"])
@@ -24,3 +27,17 @@ def test_a_bent_joint_is_twenty_degrees_more_bent(data, joint):
     assert before - after == pytest.approx(np.full(len(before), 20.0), abs=0.1)
     moved = np.abs(changed.positions - take.positions).max(axis=(0, 2)) > 1e-6
     assert 1 <= moved.sum() <= 2 and not moved[middle]
+
+
+def test_takes_that_are_aligned_once_are_scored_as_if_each_selection_was_aligned_anew():
+    archive = perform(people=("1", "2", "3", "4"), movements=("stretch",), trials=2)
+    parts, view = archive.body_parts, parse_view("door")
+    shown = [(shown_takes(view, each, parts), each.subject) for each in archive.recordings]
+    align = SharedAlignments([places_of(each.trace) for own, _ in shown for each in own])
+    for person in ("1", "4"):
+        others = [each for each in shown if each[1] != person]
+        anew, shared = learned_references(others, parts), learned_references(others, parts, align)
+        for own, other in zip(anew.spread, shared.spread, strict=True):
+            assert other == pytest.approx(own)
+        for take, _ in shown[:3]:
+            assert shared.judge(take[0].trace).score == pytest.approx(anew.judge(take[0].trace).score)

@@ -5,7 +5,7 @@ Sakoe and Chiba, IEEE Transactions on Acoustics, Speech, and Signal Processing 2
     D(i, j) = min(D(i - 1, j) + d(i, j), D(i, j - 1) + d(i, j), D(i - 1, j - 1) + 2 d(i, j))     mean: D(F, G) / (F + G)
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +31,15 @@ class Alignment:
         self._sums = _shortest(np.sqrt(np.maximum(cost, 0.0) / width))
         ends = self._sums[-1, np.arange(len(takes)), self._lengths - 1]
         self.distances: Floats = (ends / (self._lengths + frames)).astype(np.float64)
+        self._paths: dict[int, Integers] = {}
 
     def path(self, take: int) -> Integers:
         """(L, 2) frames of the performance and of a take that belong together, from the first to the last ones."""
+        if take not in self._paths:
+            self._paths[take] = self._path(take)
+        return self._paths[take]
+
+    def _path(self, take: int) -> Integers:
         sums: list[list[float]] = self._sums[:, take].tolist()
         i, j = len(sums) - 1, int(self._lengths[take]) - 1
         steps = [(i, j)]
@@ -43,6 +49,22 @@ class Alignment:
             steps.append((i, j))
         steps += [(n, 0) for n in range(i - 1, -1, -1)] + [(0, n) for n in range(j - 1, -1, -1)]
         return np.array(steps[::-1])
+
+
+class AlignmentPart:
+    """An alignment beside some of its takes, (N,) their indices."""
+
+    def __init__(self, alignment: Alignment, takes: Sequence[int]) -> None:
+        self._alignment, self._takes = alignment, takes
+        self.distances: Floats = alignment.distances[list(takes)]
+
+    def path(self, take: int) -> Integers:
+        """As that of the alignment."""
+        return self._alignment.path(self._takes[take])
+
+
+Align = Callable[[Floats32, Sequence[Floats32]], Alignment | AlignmentPart]
+"""Aligns a performance with takes."""
 
 
 def _shortest(cost: Floats32) -> Floats32:

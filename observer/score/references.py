@@ -14,7 +14,7 @@ from common.errors import BadInput
 from common.score import LEAST_REFERENCES
 from common.text import plural
 from observer.model.nearest_take import USUAL_DISTANCE
-from observer.score.alignment import Alignment
+from observer.score.alignment import Align, Alignment
 from observer.score.deviations import columns_of, deviations, weights_of
 from observer.score.limbs import Limb, angles_of, joints_of, limbs_of, places_of
 from observer.score.remarks import OWN_TOLERANCE, TOLERANCE, Band, Remark, largest, remarks_of
@@ -75,7 +75,8 @@ class JudgeScore:
 class ReferenceTakes:
     """The references of one movement for one view. Raises BadInput for fewer than LEAST_REFERENCES.
 
-    spread: as measured earlier; measuring takes as long as judging each of the takes.
+    spread: as measured earlier; measuring takes as long as judging each of the takes. align: for who aligns the same
+    takes again and again, with some of them left out.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class ReferenceTakes:
         body_parts: Sequence[str],
         rate_hz: float,
         spread: ReferenceSpread | None = None,
+        align: Align = Alignment,
     ) -> None:
         own = [n for n, take in enumerate(takes) if not take.mirrored]
         if len(own) < LEAST_REFERENCES:
@@ -93,6 +95,7 @@ class ReferenceTakes:
             )
         self.takes = tuple(takes)
         self._limbs, self._joints, self._rate_hz = limbs_of(body_parts), joints_of(body_parts), rate_hz
+        self._align = align
         self._places = [places_of(take.trace) for take in takes]
         self._people = np.array([take.person for take in takes])
         columns = columns_of(self._limbs, self._joints)
@@ -140,7 +143,7 @@ class ReferenceTakes:
 
     def _compare(self, places: Floats32, others: Sequence[int]) -> tuple[Floats, Band, float]:
         """Deviations from the nearest of the others and its distance; the band of the BAND nearest."""
-        alignment = Alignment(places, [self._places[n] for n in others])
+        alignment = self._align(places, [self._places[n] for n in others])
         near = np.argsort(alignment.distances)[:BAND]
         paths = [alignment.path(int(k)) for k in near]
         shown = [self._places[others[int(k)]] for k in near]

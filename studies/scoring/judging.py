@@ -14,6 +14,7 @@ from observer.learning.references import mirrored as mirrored
 from observer.model.body_trace import read_trace
 from observer.motion.archive import Recording
 from observer.motion.projected import view_tracks
+from observer.score.alignment import Align, Alignment
 from observer.score.references import JudgeScore, ReferenceTake, ReferenceTakes
 from observer.score.remarks import Band, Remark
 from observer.tracks import Floats32, Tracks
@@ -54,14 +55,14 @@ def references_of(view: View, recordings: Sequence[Recording], body_parts: tuple
 
 
 def learned_references(
-    shown: Sequence[tuple[Sequence[SeenPerformance], str]], body_parts: Sequence[str]
+    shown: Sequence[tuple[Sequence[SeenPerformance], str]], body_parts: Sequence[str], align: Align = Alignment
 ) -> ReferenceTakes:
     """The references of takes as one view sees them; each the take and the other side, and the person."""
     takes, rate_hz = list[ReferenceTake](), float(REFERENCE_HZ)
     for sides, person in shown:
         rate_hz = sides[0].rate_hz
         takes += [ReferenceTake(each.trace, person, mirrored=n > 0) for n, each in enumerate(sides)]
-    return ReferenceTakes(takes, body_parts, rate_hz)
+    return ReferenceTakes(takes, body_parts, rate_hz, align=align)
 
 
 def pooled(scores: Mapping[str, JudgeScore]) -> float | None:
