@@ -7,9 +7,6 @@ from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL, serious_findings
 from played_scene import PlayedScene
 
 from common import SECOND_NS
-from common.fall_messages import FallMessage
-from common.messages import Agreement
-from common.wire import encode
 from hub.history.history_file import HistoryFile
 from hub.history.records import HistoryRow
 
@@ -32,46 +29,27 @@ def keep(path):
         file.add(HistoryRow("verdict", "old", "wave", "ended", before_ns, before_ns, before_ns, 0.9, 3, 4))
 
 
-P = (0.1, 0.1, 0.1, 0.7)
-
-
-class SceneWithSession(PlayedScene):
-    """A scene whose fusion service has a session, by which hubs know its falls."""
-
-    def _fields(self, label, p):
-        return {**super()._fields(label, p), "session": "s"}
-
-
 @pytest.fixture
 def watched(request, tmp_path, show):
     """A scene that keeps a history and watches for falls, and its dashboard."""
-    scene = SceneWithSession(observers=("cam1", "cam2")).__enter__()
+    scene = PlayedScene(session="s").__enter__()
     request.addfinalizer(lambda: scene.__exit__())
     more = '[fusion]\nquorum = 2\n[history]\nfile = "h.db"\n[watch.fallen]\n'
     return scene, show(scene.scene_file(tmp_path / "s.toml", more))
-
-
-def fall(scene, stage, number=1):
-    now_ns, fusion = time.time_ns(), scene._fields("ok", P)["fusion"]
-    message = FallMessage(
-        scene=scene.name, fusion=fusion, session="s", at_ns=now_ns, since_ns=now_ns, stage=stage, id=f"fall-{number}",
-        lying=0.93, agreement=Agreement(k=2, n=2),
-    )  # fmt: skip
-    scene._link._session.put(scene.keys.fall, encode(message))
 
 
 def test_an_alarm_is_large_and_goes_when_the_person_is_up(watched, look, tmp_path):
     scene, dashboard = watched
     page = look(dashboard.url)
     assert page.is_hidden("#fall")
-    fall(scene, "fallen")
+    scene.fall("fallen")
     page.wait_for_selector("#fall[data-kind=fallen]")
     assert "Somebody has fallen" in page.inner_text("#fall") and "2 of 2 judges" in page.inner_text("#fall")
     assert page.get_attribute("#fall", "role") == "alert"
     assert page.evaluate(NO_SIDEWAYS_SCROLLING) and not page.evaluate(FAINT)
     assert not serious_findings(page)
     page.screenshot(path=tmp_path / "fall.png")
-    fall(scene, "up")
+    scene.fall("up")
     page.wait_for_selector("#fall", state="hidden")
     assert page.is_visible("#day")
 

@@ -22,7 +22,7 @@ def house(tmp_path_factory):
     # The broker keeps nothing over a restart: the hub has to publish it again.
     with (
         Broker(place / "broker") as broker,
-        PlayedScene() as room,
+        PlayedScene(session="s") as room,
         HomeAssistant(program, place / "home", broker.port, automation()) as home,
     ):
         room.how = {"facets": {"effort_time": [0.2, 0.8]}, "facing_deg": 45.0}
@@ -42,7 +42,8 @@ class House:
     def __init__(self, home, broker, room, place):
         self.home, self.broker, self.room = home, broker, room
         keys = {"movements": ["nthrow", "maestro"], "area": "Dojo"}
-        self._file = room.scene_file(place / "room.toml", hub_section(broker.port, 0.85, **keys))
+        sections = "[watch.fallen]\n" + hub_section(broker.port, 0.85, **keys)
+        self._file = room.scene_file(place / "room.toml", sections)
         self.hub = Hub(self._file)
 
     def restart(self, part):

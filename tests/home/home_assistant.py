@@ -12,9 +12,10 @@ from benchmarks.timing import free_port
 
 UP_S = 300.0
 """Its first start installs what its integrations require."""
-OWN = ("zone.", "person.", "automation.", "input_boolean.", "scene.", "light.")
+OWN = ("zone.", "person.", "automation.", "input_boolean.", "input_text.", "scene.", "light.")
 ANNA = ("anna", "secret")
-MORE = """input_boolean: {curtain: {}, called: {}}
+MORE = """input_boolean: {curtain: {}, called: {}, alarm: {}, late: {}}
+input_text: {each: {}, third: {}}
 scene: [{name: Cinema, entities: {input_boolean.curtain: "on"}}]
 """
 """What automations of the tests act on."""
@@ -89,6 +90,10 @@ class HomeAssistant:
         """Make an automation as the editor does; it runs when this returns. name: also its id."""
         self._ask(f"/api/config/automation/config/{name}", {"alias": name, **fields})
         until(lambda: self.state(f"automation.{name}") == "on", f"automation.{name}")
+
+    def call(self, domain, service, **fields):
+        """Call a service, as a button or a field of its pages does."""
+        self._ask(f"/api/services/{domain}/{service}", fields)
 
     def devices(self):
         """Its devices by their name."""

@@ -52,6 +52,17 @@ def perform(house, label):
     house.room.publish_verdict(label, next(NUMBERS), ended=True)
 
 
+def repeat(house, *counted):
+    """A movement is repeated; yields after each repetition what it is counted as."""
+    number, how = next(NUMBERS), house.room.how
+    house.room.publish_verdict("byebye", number)
+    for done, words in enumerate(counted, 1):
+        house.room.how = {**how, "repetitions": done}
+        yield words
+    house.room.publish_verdict("byebye", number, ended=True)
+    house.room.how = how
+
+
 def ran(house, name):
     return house.home.attributes(f"automation.{name}")["last_triggered"]
 
@@ -61,7 +72,8 @@ def test_home_assistant_finds_every_blueprint_valid_and_offers_every_movement(ho
     ours = {path: entry for path, entry in known.items() if path.startswith("labanmesh/")}
     assert set(ours) == {str(file.relative_to(FOLDER)) for file in BLUEPRINTS}
     for entry in ours.values():
-        assert "error" not in entry and set(entry["metadata"]["input"]) >= {"movement", "certainty", "after", "before"}
+        inputs = set(entry["metadata"]["input"])
+        assert "error" not in entry and (not inputs & {"movement"} or inputs >= {"certainty", "after", "before"})
     until(lambda: set(offered(home)) == set(LABELS), lambda: offered(home))
 
 
@@ -96,6 +108,45 @@ def test_a_repeated_movement_runs_a_script_and_one_alone_does_not(home):
     assert home.home.state("input_boolean.called") == "off"
     perform(home, "byebye")
     home.home.wait_for_state("input_boolean.called", "on")
+
+
+def test_somebody_who_has_fallen_raises_an_alarm_that_ends_when_they_are_up(home):
+    def automation(name, **inputs):
+        use = {"path": "labanmesh/somebody_has_fallen.yaml", "input": {"fallen": "binary_sensor.room_fallen", **inputs}}
+        home.home.save_automation(name, {"use_blueprint": use})
+
+    def turn(to, name):
+        return [{"service": f"input_boolean.turn_{to}", "target": {"entity_id": f"input_boolean.{name}"}}]
+
+    automation("fallen", action=turn("on", "alarm"), up_again=turn("off", "alarm"))
+    automation("still_lying", action=turn("on", "late"), up_again=turn("on", "late"), still=600)
+    home.room.fall("up", 0)
+    home.home.wait_for_state("binary_sensor.room_fallen", "off")
+    home.room.fall("fallen")
+    home.home.wait_for_state("input_boolean.alarm", "on")
+    home.room.fall("up")
+    home.home.wait_for_state("input_boolean.alarm", "off")
+    until(lambda: ran(home, "still_lying"), "it looks whether there was an alarm")
+    assert home.home.state("input_boolean.late") == "off", "nobody has lain for ten minutes"
+
+
+def test_how_often_a_movement_was_repeated_is_said(home):
+    home.room.repeat("byebye")
+    home.home.wait_for_state("sensor.room_byebye_count", "0")
+    write = {"service": "input_text.set_value"}
+    for name, every in (("each", 1), ("third", 3)):
+        action = [{**write, "target": {"entity_id": f"input_text.{name}"}, "data": {"value": "{{ words }}"}}]
+        inputs = {"count": "sensor.room_byebye_count", "every": every, "action": action}
+        home.home.save_automation(name, {"use_blueprint": {"path": "labanmesh/say_how_many.yaml", "input": inputs}})
+    for words in repeat(home, "1", "2", "3"):
+        home.home.wait_for_state("input_text.each", words)
+    home.home.wait_for_state("sensor.room_byebye_count", "3")
+    home.home.wait_for_state("input_text.third", "3")
+    home.home.call("number", "set_value", entity_id="number.room_byebye_target", value=2)
+    home.home.wait_for_state("sensor.room_byebye_count", "0")
+    for words in repeat(home, "1 of 2", "2 of 2", "1 of 2"):
+        home.home.wait_for_state("input_text.each", words)
+    home.home.wait_for_state("input_text.third", "2 of 2")  # the target is said
 
 
 def test_a_taught_movement_is_offered_at_once_and_a_forgotten_one_not(home):

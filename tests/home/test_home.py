@@ -12,7 +12,8 @@ ORDERS = list(permutations(("home", "broker", "hub")))
 SCENE = {"event.room_verdict", "event.room_movement_ended", "sensor.room_movement", "sensor.room_confidence",
          "sensor.room_entropy", "sensor.room_last_verdict", "binary_sensor.room_nthrow",
          "binary_sensor.room_maestro", "event.room_early_word", "sensor.room_effort_time",
-         "sensor.room_facing"}  # fmt: skip
+         "sensor.room_facing", "sensor.room_last_event", "binary_sensor.room_fallen",
+         "sensor.room_posture"}  # fmt: skip
 OBSERVER = {"binary_sensor.room_{}_connected"} | {
     f"sensor.room_{{}}_{what}"
     for what in (

@@ -15,6 +15,7 @@ from processes import SOON_S, labanmesh
 
 from common import SECOND_NS
 from common.config import MeshConfig
+from common.fall_messages import FallMessage
 from common.keys import SceneKeys
 from common.link import Link
 from common.message_types import MovementTimes
@@ -54,13 +55,13 @@ class PlayedScene:
     """Publishes a judgement ten times a second, and verdicts on request; a context manager.
 
     silent: observers without a vote. how: further fields of each judgement and verdict. doubts: at rest no movement is
-    probable.
+    probable. session: of the fusion service, by which hubs know its falls.
     """
 
-    def __init__(self, name="room", observers=("cam1", "cam2"), link=None, step_s=0.1):
+    def __init__(self, name="room", observers=("cam1", "cam2"), link=None, step_s=0.1, session=None):
         self.name, self.observers, self.keys = name, observers, SceneKeys(name)
         self.movement, self.silent, self.how, self.doubts = None, frozenset(), {}, False
-        self._shared, self._step_s = link, step_s
+        self._shared, self._step_s, self._session = link, step_s, session
         self._link = link or Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"])
         self.endpoint = self._link.locator
         self._seq, self._verdicts, self._lock = 0, {}, threading.Lock()
@@ -95,7 +96,7 @@ class PlayedScene:
         return {
             "scene": self.name, "fusion": "fusion", "seq": self._seq, "at_ns": time.time_ns(), "vocabulary": reference,
             "p": list(p), "label": label if counted else "", "certainty_bits": 0.5, "rule": "linear", "votes": votes,
-            "agreement": agreement, **self.how,
+            "agreement": agreement, "session": self._session, **self.how,
         }  # fmt: skip
 
     def judgement(self):
@@ -137,6 +138,15 @@ class PlayedScene:
             times = {label: MovementTimes(period_s=1.0) for label in labels}
             self._vocabulary = Vocabulary(self._vocabulary.labels, movements=times)
         self._publishers[self.keys.vocabulary].put(encode_vocabulary(self.name, self._vocabulary))
+
+    def fall(self, stage, number=1):
+        """The watch for falls says so."""
+        now_ns, agreement = time.time_ns(), Agreement(k=2, n=2)
+        message = FallMessage(
+            scene=self.name, fusion="fusion", session=self._session, at_ns=now_ns, since_ns=now_ns, stage=stage,
+            id=f"fall-{number}", lying=0.93, agreement=agreement,
+        )  # fmt: skip
+        self._link._session.put(self.keys.fall, encode(message))
 
     def _judge(self):
         while not self._stop.wait(self._step_s):
