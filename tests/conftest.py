@@ -2,7 +2,9 @@
 
 import gc
 import os
+import sys
 from collections.abc import Iterator
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -37,6 +39,24 @@ settings.load_profile("ours")
 
 # Each worker holds all tests: the collector of cycles would walk over them while they are read, and in every test.
 gc.disable()
+
+
+def pytest_collection(session: pytest.Session) -> None:
+    """In a fresh clone each worker would rewrite the assertions of all files, which takes longer than reading them: it
+    begins with its share of the files, and finds the others as other workers have left them."""
+    worker = getattr(session.config, "workerinput", None)
+    if worker is None:
+        return
+    left_out, root = session.config.getini("norecursedirs"), session.config.rootpath
+    files = sorted(file for place in session.config.args for file in (root / place).rglob("test_*.py"))
+    files = [f for f in files if not any(fnmatch(part, n) for part in f.relative_to(root).parts for n in left_out)]
+    for file in files[int(worker["workerid"][2:]) :: worker["workercount"]]:
+        try:
+            pytest.Module.from_parent(session, path=file).obj  # noqa: B018 - imports it
+        except (pytest.Collector.CollectError, pytest.skip.Exception):
+            # It is imported again, and this reported, where its tests are collected.
+            for name in [n for n, module in sys.modules.items() if getattr(module, "__file__", None) == str(file)]:
+                del sys.modules[name]
 
 
 def pytest_collection_finish() -> None:
