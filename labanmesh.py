@@ -250,6 +250,10 @@ def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
 
 
 def _run(verb: str, words: Sequence[str]) -> int:
+    # Before NumPy is loaded: our products of matrices are small, and threads would fight over them, also with those of
+    # other processes, for the cores.
+    for library in ("OMP", "OPENBLAS", "MKL"):
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     import shlex
 
     import typer

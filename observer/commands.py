@@ -2,7 +2,6 @@
 
 import gc
 import logging
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
@@ -42,9 +41,6 @@ def observe(
 
     Example: labanmesh observe scene.toml cam1 --preview cam1.mp4
     """
-    # Before NumPy is loaded: a frame's products are small, and threads would fight with the other observers' for cores.
-    for library in ("OMP", "OPENBLAS", "MKL"):
-        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link

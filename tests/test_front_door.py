@@ -82,6 +82,14 @@ def test_an_unknown_verb_suggests_the_nearest(run, wrong, hint):
     assert err.startswith(f"labanmesh: '{wrong}': unknown verb; ") and hint in err
 
 
+@pytest.mark.parametrize(("typed", "threads"), [({}, "1"), ({"OMP_NUM_THREADS": "3"}, "3")])
+def test_a_verb_calculates_in_one_thread_unless_told_otherwise(run, monkeypatch, typed, threads):
+    """Else a learned model takes up to seven times as much of the processors."""
+    monkeypatch.setattr(os, "environ", dict(typed))
+    run("completion", "bash")
+    assert os.environ["OMP_NUM_THREADS"] == threads and os.environ["OPENBLAS_NUM_THREADS"] == "1"
+
+
 @pytest.mark.parametrize("name", VERBS)
 def test_help_of_every_verb_has_an_example(run, name):
     function = VERBS[name].load()

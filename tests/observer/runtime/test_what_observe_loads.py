@@ -18,7 +18,7 @@ NEVER = {
 }
 LOOK = """
 import sys, labanmesh, observer.commands
-assert "numpy" not in sys.modules, "observe limits its threads before NumPy is loaded"
+assert "numpy" not in sys.modules, "a verb limits its threads before NumPy is loaded"
 status = labanmesh.main(["observe", sys.argv[1], "cam1"])
 print(status, *sys.modules)
 """
