@@ -11,7 +11,7 @@ from pathlib import Path
 
 import msgpack
 import pytest
-from processes import until
+from processes import SOON_S, until
 
 from benchmarks.comparisons.transports import clients, commands
 from benchmarks.comparisons.transports.actors import ReceivedJudgement
@@ -31,7 +31,6 @@ from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
 
 ROOT = Path(__file__).parents[1]
-SOON_S = 60.0
 LONG = "LABANMESH_TRANSPORTS" in os.environ
 long_only = pytest.mark.skipif(not LONG, reason="many processes: make test-transports runs it")
 NO_MARKS = "the page has no place for the table: it needs the lines"

@@ -9,9 +9,8 @@ from datetime import datetime
 import httpx
 from fault_processes import Process
 from mqtt_stage import Broker, Listener, mosquitto
-from processes import labanmesh
+from processes import SOON_S, labanmesh
 
-SOON_S = 40.0
 MS = 1_000_000
 
 

@@ -11,7 +11,7 @@ import time
 import httpx
 import pytest
 from fault_processes import Process
-from processes import labanmesh
+from processes import SOON_S, labanmesh
 from test_floods import MOST_KB, Sizes
 
 from common import SECOND_NS
@@ -30,7 +30,6 @@ for n in range(count):
         print(n + 1, flush=True)
 sys.stdin.read()
 """
-SOON_S = 40.0
 
 
 @pytest.fixture

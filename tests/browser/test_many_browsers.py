@@ -8,10 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 import httpx
+from processes import SOON_S
 
 BROWSERS, VERDICTS, EVERY_S = 50, 120, 0.05
 GROWTH_KB = 12_000
-SOON_S = 60.0
 
 
 async def listen(client, url, wanted, connected):

@@ -10,6 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from processes import SOON_S
 
 from common import capture_file
 from common.capture_file import CHANNELS_LIMIT, CaptureFile, CaptureWriter
@@ -181,7 +182,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path):
     )
     path = tmp_path / "a.mcap"
     command = [sys.executable, "-W", "error", "-c", script, path]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=SOON_S)
     assert done.stdout.startswith(f"LabanmeshError cannot write {path}: file too large, after ")
     assert "messages that stay readable; make room" in done.stdout and done.stdout.count("\n") == 1
     assert done.stderr == ""

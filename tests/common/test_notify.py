@@ -10,10 +10,9 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import SOON_S
 
 from common.notify import ALIVE_EVERY_S, Notifier
-
-SOON_S = 40.0
 
 
 @contextmanager

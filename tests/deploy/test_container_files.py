@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from processes import SOON_S
 
 from common.config import MODELS_VARIABLE, read_scene
 from common.notify import HEARTBEAT, Notifier
@@ -153,7 +154,7 @@ def test_the_health_check_follows_the_heartbeat(tmp_path):
     command[-1] = command[-1].replace(in_the_image, str(file))
 
     def healthy():
-        done = subprocess.run(command, capture_output=True, timeout=30)
+        done = subprocess.run(command, capture_output=True, timeout=SOON_S)
         return done.returncode == 0
 
     if "GNU" not in subprocess.run(["find", "--version"], capture_output=True, text=True).stdout:

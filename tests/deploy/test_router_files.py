@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from processes import SOON_S
 
 from common.config import MeshConfig
 from common.link import Link
@@ -22,7 +23,6 @@ from common.zenoh_settings import (
 ROUTERS = Path(__file__).parents[2] / "deploy" / "zenoh"
 PLAIN, SECURED = ROUTERS / "router.json5", ROUTERS / "router-secured.json5"
 CREDENTIALS = "/etc/labanmesh/credentials"
-SOON_S = 40.0
 
 
 def opened(file, endpoint):

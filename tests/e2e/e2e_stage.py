@@ -6,14 +6,13 @@ import subprocess
 import threading
 from contextlib import contextmanager
 
-from processes import labanmesh
+from processes import SOON_S, labanmesh
 
 from common.wire import decode
 
 MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
 PERFORMED = ("byebye", "nthrow")
 VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}
-SOON_S = 120.0
 
 
 def run(folder, *words, timeout_s=SOON_S):

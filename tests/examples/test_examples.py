@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from processes import SOON_S
 
 from common.config import read_scene
 from fusion.server import serve
@@ -19,7 +20,6 @@ from labanmesh_testing.stub_observer import StubObserver
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = ("subscriber.py", "robot.py", "observer.py")
-SOON_S = 40.0
 SCENE = """
 scene = "dojo"
 vocabulary = ["lunging", "byebye"]

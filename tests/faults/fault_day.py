@@ -10,6 +10,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from processes import SOON_S
+
 from common import SECOND_NS
 from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene
 from common.link import Link
@@ -24,7 +26,6 @@ REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
 OBSERVERS = ("cam1", "cam2", "cam3", "cam4")
 ROUND_S, MOVES_S = 20, 3
 """Every 20 s a movement of 3 s, each label in turn."""
-SOON_S = 40.0
 
 
 @dataclass(frozen=True)

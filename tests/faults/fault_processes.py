@@ -7,10 +7,10 @@ import subprocess
 import threading
 from pathlib import Path
 
+from processes import SOON_S
+
 ROOT = Path(__file__).parents[2]
 # A process ends with the test process, also when that is killed.
-SOON_S = 60.0
-"""Many processes start at the same time here."""
 BOUND = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
 
 

@@ -4,6 +4,7 @@ import threading
 import time
 
 import pytest
+from processes import SOON_S
 
 import labanmesh
 from common.capture_file import CaptureFile, CaptureWriter
@@ -14,7 +15,6 @@ from common.wire import encode
 from hub import capture as capturing
 from hub.capture import CaptureProgress, CaptureSummary, SceneCapture, record
 
-SOON_S = 40.0
 JUDGEMENT, VERDICT, ANYTHING = "laban/room/judgement", "laban/room/verdict", "laban/room/observer/x/anything"
 VOCABULARY, ALIVE = "laban/room/vocabulary", "laban/room/observer/cam1/alive"
 

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 from mesh_stage import collect, posterior
-from processes import labanmesh
+from processes import SOON_S, labanmesh
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -24,7 +24,6 @@ from labanmesh import main
 from labanmesh_testing.mesh import running
 
 SCENES, SERVICES = ("dojo", "garden"), ("north", "south")
-SOON_S = 40.0
 SCENE = """
 scene = "{name}"
 vocabulary = ["bowing", "lunging"]

@@ -7,7 +7,7 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
-SOON_S = 40.0
+SOON_S = 120.0
 """What needs a moment on a quiet machine gets this on one that is busy with other work."""
 
 

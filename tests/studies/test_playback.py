@@ -6,6 +6,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import SOON_S
 
 import labanmesh
 from common import SECOND_NS as SECOND
@@ -28,7 +29,6 @@ from common.wire import decode, encode, encode_vocabulary
 from studies.replay import playback
 from studies.replay.playback import PlaybackOptions, TimeShift, play
 
-SOON_S = 40.0
 THEN, NOW = 1_700_000_000 * SECOND, 1_800_000_000 * SECOND
 NAMES = Vocabulary(("bowing", "lunging"))
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)

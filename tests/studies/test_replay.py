@@ -13,6 +13,7 @@ import pytest
 import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from processes import SOON_S
 from replay_stage import (
     NAMES,
     NOON,
@@ -405,7 +406,7 @@ def test_the_reader_in_the_documentation_works_alone(write, records):
     (code,) = re.findall(r"```python\n(.*?)```", (HOUSE / "docs" / "guide" / "replay.md").read_text("utf-8"), re.DOTALL)
     capture = write(records)
     command = [sys.executable, "-I", "-c", code, str(capture.path)]
-    output = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
+    output = subprocess.run(command, capture_output=True, text=True, check=True, timeout=SOON_S).stdout
     assert [line.split()[2] for line in output.splitlines()] == ["bowing"] * 2 + ["lunging"] * 2 + ["stretch"] * 2
 
 

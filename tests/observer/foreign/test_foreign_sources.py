@@ -7,12 +7,11 @@ import os
 import threading
 
 import pytest
+from processes import SOON_S
 
 from common.config import MeshConfig
 from common.link import Link
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
-
-SOON_S = 40.0
 
 
 def line(u):

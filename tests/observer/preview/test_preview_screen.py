@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from observer_stage import rejected
+from processes import SOON_S
 
 from common.errors import LabanmeshError
 from common.vocabulary import Vocabulary
@@ -20,7 +21,6 @@ from observer.preview.sight import PreviewHistory
 from observer.runtime.pipeline import Posterior
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
-SOON_S = 40.0
 STANDING = np.array([[42.0, 30.0], [18.0, 30.0], [32.0, 9.0]])
 HISTORY = PreviewHistory(BODY_PARTS, 5.0)
 SHOWN = HISTORY.add(Tracks(STANDING))

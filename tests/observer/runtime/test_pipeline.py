@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from processes import SOON_S
 
 from common import SECOND_NS
 from common.config import MeshConfig, read_scene
@@ -22,7 +23,6 @@ from observer.runtime.send_on_change import MAX_CHANGE, SendOnChange, Summary, d
 from observer.runtime.service import serve
 from observer.tracks import Frame, Tracks
 
-SOON_S = 40.0
 FRAME_NS = 33_333_333
 HEARTBEAT_S = 0.1
 HEARTBEAT_NS = HEARTBEAT_S * SECOND_NS
