@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from common.message_types import VotedFacing, VotedRepeated, unchecked
+from common.message_types import CONTRADICTED, VotedFacing, VotedRepeated, unchecked
 from common.messages import (
     SCHEMA_VERSION,
     Agreement,
@@ -186,7 +186,10 @@ class JudgementBuilder:
 
 
 def _contests(posterior: AgedPosterior, p: list[float], vote: Vote, fused: str) -> bool:
-    """Whether an observer votes for another label than `fused`, or finds something else likelier than any."""
+    """Whether an observer that the others do not contradict votes for another label than `fused`, or finds something
+    else likelier than any."""
+    if posterior.reliability < CONTRADICTED:
+        return False
     if vote.label is not None:
         return vote.label != fused
     unlearned = posterior.unlearned or 0.0

@@ -4,7 +4,6 @@ The rules are those of segmenter.py. Times: Unix epoch in ns.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
@@ -14,6 +13,7 @@ from fusion.engine.rest import CLEAR
 from fusion.engine.segment_table import Event, SegmentState
 from fusion.engine.segments import (
     ANY,
+    NO_TIMES,
     NOTICED_S,
     Heard,
     HeldLabel,
@@ -22,6 +22,7 @@ from fusion.engine.segments import (
     Pause,
     PooledState,
     Quiet,
+    SegmentStep,
     pauses_of,
 )
 from fusion.engine.trust import MOVEMENT_S
@@ -41,20 +42,6 @@ CLEAR_REST = 1.0 - CLEAR
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
 ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
 RESTING = (SegmentState.PAUSED, SegmentState.LOST, *ENDING)
-
-
-@dataclass(slots=True)
-class SegmentStep:
-    """One step: what is pooled; `named`, the label that meets rule 2; `before`, the one that met it until now.
-
-    gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
-    """
-
-    state: PooledState
-    named: str | None
-    before: HeldLabel | None
-    heard_ns: int
-    gap_ns: int
 
 
 class Conditions:
@@ -174,10 +161,15 @@ class Conditions:
         movement, moved_until_ns = self.movement, at_ns if self._resting is None else self._resting.since_ns
         if movement is None or moved_until_ns - movement.began_ns < self._hold_ns:
             return True
-        known = self._times.get(movement.carried or "") if label in (None, movement.carried) else None
-        if known is None or known.shortest_s is None:
+        if movement.carried is None or label not in (None, movement.carried):
             return False
-        return moved_until_ns - movement.began_ns < (known.shortest_s / 2 - NOTICED_S) * SECOND_NS
+        return moved_until_ns - movement.began_ns < self._least_ns(movement.carried)
+
+    def _least_ns(self, label: str) -> float:
+        """No movement with this label is over sooner: half of its shortest take, or of a period, less NOTICED_S."""
+        times = self._times.get(label, NO_TIMES)
+        shortest_s = times.period_s if label in self._pauses and times.period_s else times.shortest_s
+        return 0.0 if shortest_s is None else (shortest_s / 2 - NOTICED_S) * SECOND_NS
 
     def renamed(self) -> str | None:
         """The label that replaces the decided one at rest (rule 6)."""
@@ -208,39 +200,48 @@ class Conditions:
 
     def is_confirmed(self, step: SegmentStep) -> bool:
         """Whether the decided label is held again after an outage."""
-        if self.movement is None or self.movement.outage_ns is None or self.movement.decision is None:
-            return False
-        return step.named == self.movement.decision.label
+        is_out = self.movement is not None and self.movement.outage_ns is not None
+        return is_out and self.decision is not None and step.named == self.decision.label
 
     def is_other(self, step: SegmentStep) -> bool:
         """Whether another label than the decided one is held while the person moves."""
-        if step.named is None or self.movement is None or self.movement.decision is None:
+        return step.named is not None and self._is_challenged(step.state)
+
+    def _is_challenged(self, state: PooledState) -> bool:
+        """Whether another label than the decided one meets the demand, if not yet for long enough (rule 2)."""
+        held, decision = self._held, self.decision
+        if held is None or held.agreed_ns is None or decision is None:
             return False
-        return step.named != self.movement.decision.label and step.state.observed and step.state.rest < 0.5
+        return state.moves and held.label != decision.label
 
     def is_next(self, step: SegmentStep) -> bool:
         """Whether another label is held that is that of the next movement (rule 7)."""
-        held, movement = self._held, self.movement
-        if not self.is_other(step) or movement is None or held is None or held.agreed_ns is None:
+        movement, decision = self.movement, self.decision
+        if not self.is_other(step) or movement is None or decision is None:
             return False
-        return movement.outage_ns is not None or held.agreed_ns - movement.began_ns >= NOTICED_S * SECOND_NS
+        soonest_ns = max(NOTICED_S * SECOND_NS, self._least_ns(decision.label))
+        return movement.outage_ns is not None or self._moved_until_held(movement) >= soonest_ns
 
     def is_premature(self, step: SegmentStep) -> bool:
-        """Whether another label is still held long after the decision (rule 7)."""
-        decision = self.decision
-        if not self.is_other(step) or decision is None or decision.revisions >= REVISIONS_LIMIT:
+        """Whether another label is held before the decided one can be over, or long after the decision (rule 7)."""
+        movement, decision = self.movement, self.decision
+        if not self.is_other(step) or movement is None or decision is None or decision.revisions >= REVISIONS_LIMIT:
             return False
-        return step.state.at_ns - decision.decided_ns >= REVISED_S * SECOND_NS
+        is_soon = self._moved_until_held(movement) < self._least_ns(decision.label)
+        return is_soon or step.state.at_ns - decision.decided_ns >= REVISED_S * SECOND_NS
+
+    def _moved_until_held(self, movement: MovementProgress) -> float:
+        """From the begin of the movement until the label that is held now met the demand; ns."""
+        held = self._held
+        return 0.0 if held is None or held.agreed_ns is None else held.agreed_ns - movement.began_ns
 
     def is_missed(self, step: SegmentStep) -> bool:
         """Whether the person moves, but the movement has not been seen for long enough (rules 5, 7 and 8)."""
         if self._quiet is None:
             return False
         decision, pause = self.decision, self.pause
-        is_open = (
-            decision is not None and self.state is not SegmentState.PASSED and decision.revisions < REVISIONS_LIMIT
-        )
-        if is_open and self.is_other(step):
+        is_open = decision is not None and decision.revisions < REVISIONS_LIMIT
+        if is_open and self.state is not SegmentState.PASSED and self._is_challenged(step.state):
             return False
         needed_ns = FADING * self._hold_ns
         if pause is not None:
@@ -251,14 +252,13 @@ class Conditions:
 
     def is_moving_on(self, step: SegmentStep) -> bool:
         """Whether a movement is likelier again after something else, and not that of the decided label (rule 7)."""
-        is_idle = step.state.idle or self.pause is not None
         # Later than when it would be missed: a movement that is missed in this step begins with the next one.
-        return not is_idle and self._is_quiet(step, FADING * self._hold_ns + 1)
+        is_late = self._is_quiet(step, FADING * self._hold_ns + 1)
+        return is_late and not step.state.idle and self.pause is None
 
     def _is_quiet(self, step: SegmentStep, needed_ns: float) -> bool:
         quiet, state = self._quiet, step.state
-        is_moving = state.observed and state.rest < 0.5
-        return is_moving and quiet is not None and state.at_ns - quiet.since_ns >= needed_ns
+        return state.moves and quiet is not None and state.at_ns - quiet.since_ns >= needed_ns
 
     def is_rested(self, step: SegmentStep) -> bool:
         """Whether rest has lasted for long enough (rules 4, 5 and 8)."""
@@ -280,7 +280,7 @@ GUARDS: Mapping[Event, Callable[[Conditions, SegmentStep], bool]] = {
     Event.MOVES: lambda _, step: step.state.observed and not step.state.idle,
     Event.MOVES_AGAIN: lambda _, step: step.state.rest < 0.5,
     Event.RESTS: lambda _, step: step.state.rest >= 0.5,
-    Event.LEFT: lambda _, step: step.state.observed and step.state.idle and step.state.rest < 0.5,
+    Event.LEFT: lambda _, step: step.state.moves and step.state.idle,
     Event.NAMED: lambda known, step: known.nameable(step) is not None,
     Event.RESTED: Conditions.is_rested,
     Event.MISSED: Conditions.is_missed,

@@ -38,7 +38,7 @@ class Event(Enum):
     NEXT = "another label is held, since later than the begin"
     ANOTHER = "another label is held"
     MOVES_ON = "a movement is likelier again, and its label is not"
-    PREMATURE = "another label is held, long after the decision"
+    PREMATURE = "another label is held before this one can be over, or long after the decision"
     RENAMED = "another label, or something else, was held as rest began"
     OUTAGE = "an outage is over"
     OUTAGE_IN_MOTION = "an outage is over, and the person moves"

@@ -7,7 +7,7 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
    nor is it, with the label of the one before, if it lasts for less than half of that label's shortest take, less
    NOTICED_S at its begin: it is the end of that one, after a pause.
 2. A label is decided when it has been `threshold` likely, with the votes of `quorum` observers, without a break, for
-   `hold_s`, or NOTICED_S longer where one of three votes otherwise; or, contested or not, as soon as the person rests.
+   `hold_s`, or NOTICED_S longer where one of three contests it; or, contested or not, as soon as the person rests.
 3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
    decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
 4. The movement ends when rest has been beyond doubt for `hold_s`, at the time when that rest began. Rest in which
@@ -19,8 +19,8 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
    the last label.
 7. Without rest, a decided movement also ends when its label has been neither likeliest nor half as likely as demanded
    for FADING times `hold_s`, or while the person does something else for PAUSE_S; and when another label meets rule 2
-   that began to do so NOTICED_S after the begin, or after something else: the next movement. One that began earlier and
-   still holds REVISED_S after the decision revises it: that was premature.
+   that began to do so NOTICED_S after the begin and no sooner than the first can be over (rule 1), or after something
+   else: the next movement. One that began earlier revises it, at the latest REVISED_S after the decision.
 8. A periodic label is one movement for as long as it is repeated: rest and something else end it only after the pause
    of `pauses_of`, when the last repetition was seen. Any other label is a new movement each time.
 9. After an outage, in which no posterior was pooled for OUTAGE_S, an undecided movement begins afresh with the next
@@ -45,7 +45,6 @@ from fusion.engine.segment_conditions import (
     OUTAGE_S,
     RESTING,
     Conditions,
-    SegmentStep,
 )
 from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, SegmentState, Transition
 from fusion.engine.segments import (
@@ -56,6 +55,7 @@ from fusion.engine.segments import (
     PooledState,
     Quiet,
     RepetitionCount,
+    SegmentStep,
     Start,
     carried_label,
     pauses_of,

@@ -63,6 +63,11 @@ class PooledState:
         return self.rest >= 0.5 or self.unlearned > 0.5
 
     @property
+    def moves(self) -> bool:
+        """Whether an observer sees that the person moves, whatever they do."""
+        return self.observed and self.rest < 0.5
+
+    @property
     def longer_s(self) -> float:
         """For how much longer than `hold_s` the label has to meet the demand: where it is contested, while more of the
         movement will show who is right (rule 2)."""
@@ -116,6 +121,20 @@ class Quiet(NamedTuple):
 
     since_ns: int
     clear_ns: int | None
+
+
+@dataclass(slots=True)
+class SegmentStep:
+    """One step: what is pooled; `named`, the label that meets rule 2; `before`, the one that met it until now.
+
+    gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
+    """
+
+    state: PooledState
+    named: str | None
+    before: HeldLabel | None
+    heard_ns: int
+    gap_ns: int
 
 
 class Heard(NamedTuple):

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from common.vocabulary import Vocabulary
+from fusion.standby import agreed_times
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
@@ -88,7 +89,9 @@ def meet(folder=None, kind=DEFAULT_MODEL):
         stream = perform_continuously("1", PERFORMED, rest_s=(1.5, 2.0))
     vocabulary = Vocabulary(labels)
     models = {name: learn_view(learned, parse_view(view), vocabulary, kind=kind) for name, view in VIEWS.items()}
-    return Person(stream, vocabulary, models, learned.body_parts)
+    # As a fusion service has them.
+    times = agreed_times([model.header.vocabulary for model in models.values()])
+    return Person(stream, Vocabulary(labels, movements=times), models, learned.body_parts)
 
 
 def scripted(movements=8, moving_s=1.5, rest_s=1.5):

@@ -9,6 +9,7 @@ from engine_stage import ALL_RULES, LABELS, MOVING, REST, STEP_NS, UNIFORM, VIEW
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from common.message_types import CONTRADICTED
 from common.messages import Facing, JudgementMessage, VerdictMessage
 from common.probability import softmax
 from common.vocabulary import ABSTAIN, Vocabulary
@@ -103,6 +104,18 @@ def test_a_label_that_one_of_four_contests_is_decided_later(other, unlearned, st
             scene.publish(name, p, MOVING, unlearned=unlearned if is_last else 0.05)
         scene.fuse()
     assert scene.labels == ["bow"] and count == steps
+
+
+def test_one_that_the_others_contradict_contests_nothing():
+    scene = EngineDriver(quorum=2)
+    for label in ("bow", "lunge") * 2:
+        scene.step({**all_views(sure(label, 0.97)), "back": sure("punch", 0.97)}, MOVING, 9)
+        judgement = scene.step(all_views(UNIFORM), REST, 6)
+    assert judgement.votes["back"].reliability < CONTRADICTED
+    delays_s = [
+        (verdict.decided_ns - verdict.began_ns) / 1e9 for verdict in scene.verdicts if verdict.stage == "decided"
+    ]
+    assert delays_s[0] == pytest.approx(0.6) and delays_s[-1] == pytest.approx(0.3)
 
 
 def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too():

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.message_types import MovementTimes
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.segment_conditions import REVISIONS_LIMIT
 from fusion.engine.segment_table import SegmentState
@@ -321,6 +322,27 @@ RULE_7 = {
 @pytest.mark.parametrize(("parts", "expected"), RULE_7.values(), ids=RULE_7)
 def test_7_movements_without_rest(parts, expected):
     assert words(*parts) == expected
+
+
+TAKES = {"bow": MovementTimes(shortest_s=2.0), "lunge": MovementTimes(shortest_s=0.4)}
+
+
+@pytest.mark.parametrize(
+    ("first", "contested", "is_revised"),
+    [(("bow", 12), False, True), (("bow", 12), True, True), (("bow", 15), False, False), (("lunge", 12), False, False)],
+    ids=["too soon", "too soon, and contested", "late enough", "a short movement"],
+)
+def test_7_another_label_before_the_first_can_be_over_revises_it(first, contested, is_revised):
+    """No bow is over before 0.7 s, 14 steps: half of its shortest take, less 0.3 s."""
+    segmenter, (label, steps), published = Segmenter(CONFIG, Vocabulary(NAMES.labels, movements=TAKES)), first, []
+    second = "lunge" if label == "bow" else "bow"
+    course = [(label, 0.1, False)] * steps + [(second, 0.1, contested)] * 20 + [(second, 0.9, False)] * 5
+    for n, (name, rest_p, is_contested) in enumerate(course):
+        state = PooledState(n * STEP_NS, name, 0.9, 2, rest_p, contested=is_contested)
+        published += [(each.stage, each.label, each.began_ns // STEP_NS) for each in segmenter.update(state)]
+    revised = [("decided", label, 0), ("revised", second, 0), ("ended", second, 0)]
+    two = [("decided", label, 0), ("ended", label, 0), ("decided", second, steps), ("ended", second, steps)]
+    assert published == (revised if is_revised else two)
 
 
 def test_nothing_begins_where_something_else_is_likelier_than_not():
