@@ -67,7 +67,7 @@ class Inbox:
             self._large_bytes += size
             return True
 
-    def take(self, timeout_s: float) -> list[Arrival]:
+    def take(self, timeout_s: float = 0.0) -> list[Arrival]:
         """All messages that have arrived, oldest first; waits for a message, a `wake`, or `timeout_s`."""
         if timeout_s <= 0 and not self._arrivals:
             return []

@@ -196,15 +196,15 @@ class CheckpointFile:
         self._temporary.replace(self._path)
 
 
-class PeopleFiles:
-    """The files of all people of a scene, by person; each person's worker writes its own."""
+class CheckpointFiles:
+    """The files of a scene by person, "" for the only one; each person's worker writes its own."""
 
     def __init__(self, files: Mapping[str, CheckpointFile]) -> None:
         self.files = files
 
-    def beside(self, suffix: str) -> Path:
-        """The path of another file of the same service, in the same place."""
-        return next(iter(self.files.values())).beside(suffix)
+    def beside(self, suffix: str) -> Path | None:
+        """The path of another file of the same service, in the same place; None without files."""
+        return next((file.beside(suffix) for file in self.files.values()), None)
 
     def read(self, scene: str) -> Checkpoint | None:
         """The newest checkpoint of each person; None if there is none."""
@@ -212,13 +212,11 @@ class PeopleFiles:
         return known[0].model_copy(update={"people": tuple(known[1:])}) if known else None
 
 
-def checkpoint_file(scene: Scene, own: str) -> CheckpointFile | PeopleFiles | None:
-    """The files of the service `own`; None if the scene file wants none, or the scene comes from no file."""
-    if scene.people.most == 1:
-        return CheckpointFile.of(scene, own)
-    files = {person: CheckpointFile.of(scene, own, person) for person in scene.people.ids}
-    known = {person: file for person, file in files.items() if file is not None}
-    return PeopleFiles(known) if known else None
+def checkpoint_files(scene: Scene, own: str) -> CheckpointFiles:
+    """The files of the service `own`; none if the scene file wants none, or the scene comes from no file."""
+    people = scene.people.ids if scene.people.most > 1 else ("",)
+    files = {person: CheckpointFile.of(scene, own, person) for person in people}
+    return CheckpointFiles({person: file for person, file in files.items() if file is not None})
 
 
 class _FileStamp(NamedTuple):

@@ -21,10 +21,10 @@ from common.subsession import Publisher
 from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.engine.falls import FallDetector, FallState
 from fusion.people import ScenePeople
-from fusion.people_worker import Worker, people_of
 
 if TYPE_CHECKING:
-    from fusion.scene_worker import Service
+    from fusion.scene_worker import SceneWorker
+    from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
 EVERY_NS = SECOND_NS
@@ -47,7 +47,7 @@ class FallWatch:
         service: "Service",
         after_s: float,
         memory: Path | None = None,
-        worker: Callable[[], Worker | None] = lambda: None,
+        worker: Callable[[], "SceneWorker | None"] = lambda: None,
     ) -> None:
         self.owns = False
         self._service, self._worker = service, worker
@@ -79,7 +79,8 @@ class FallWatch:
             self._seen[observer_of(arrival.key)] = now_ns, message
         if not self._seen:
             return
-        people = people_of(self._worker())
+        worker = self._worker()
+        people = None if worker is None else worker.people
         lying: dict[str | None, dict[str, float]] = {}
         for observer, (at_ns, message) in self._seen.items():
             if now_ns - at_ns <= self._drop_ns:

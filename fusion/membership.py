@@ -20,13 +20,13 @@ from common.message_types import OVERLOADED, SAME_ID_REASON, STANDING_BY
 from common.messages import JudgementMessage, ProcessState
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from fusion.checkpoint import Checkpoint, checkpoint_file
+from fusion.checkpoint import Checkpoint, checkpoint_files
 from fusion.engine.engine import FusionEngine
 from fusion.fall_watch import FallWatch
 from fusion.ownership import Ownership, Role
-from fusion.people_worker import Worker, worker_of
 from fusion.same_id import SameIdDetector, SameIdWatch, Stance
-from fusion.scene_worker import Service
+from fusion.scene_worker import SceneWorker
+from fusion.service import Service
 from fusion.standby import HandoverRequest, StandbyListener, VocabularyLookup
 
 log = logging.getLogger("labanmesh.fusion")
@@ -52,7 +52,7 @@ class SceneMember:
         self.ownership = Ownership(service.own, scene.scene, ranked, takeover_s)
         self._is_warm = len(ranked) > 1
         """Whether this service fuses also while it stands by."""
-        self._file = checkpoint_file(scene, service.own)
+        self._files = checkpoint_files(scene, service.own)
         self.vocabulary = scene.named_vocabulary
         if self.vocabulary is not None:
             # A bad rule is an error now, not when the scene is taken over.
@@ -68,12 +68,12 @@ class SceneMember:
         self._alive: frozenset[str] | None = None
         self._updated_s = float("-inf")
         self._listener: StandbyListener | None = None
-        self.worker: Worker | None = None
+        self.worker: SceneWorker | None = None
         self._request: HandoverRequest | None = None
         self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
-        fallen, memory = scene.watch.fallen, None if self._file is None else self._file.beside("fall")
+        fallen, memory = scene.watch.fallen, self._files.beside("fall")
         self._falls = FallWatch(scene, service, fallen.after_s, memory, lambda: self.worker) if fallen else None
 
     @property
@@ -88,7 +88,7 @@ class SceneMember:
         self.ownership.set_alive(map(service_of, self._alive), self._service.ticks())
         self._session.announce(self.scene.keys.fusion_alive(self._service.own))
 
-    def current(self, now_s: float) -> Worker | None:
+    def current(self, now_s: float) -> SceneWorker | None:
         """The worker of the next step, if any.
 
         The role is followed after each step, so that no listener waits for it; but first where there is no worker, or
@@ -194,7 +194,7 @@ class SceneMember:
             self.vocabulary = vocabulary
             self.worker.change_vocabulary(vocabulary)
 
-    def _wanted_vocabulary(self, worker: Worker) -> str | None:
+    def _wanted_vocabulary(self, worker: SceneWorker) -> str | None:
         """The hash of the vocabulary in which the scene is to be fused now; None: as before."""
         if self.role is Role.OWNER:
             return worker.observed_vocabulary
@@ -228,11 +228,11 @@ class SceneMember:
             self.worker = None
             self._end_lookup()
         if self.worker is not None:
-            if role is Role.OWNER and not self.worker.restored:
+            duty = self.worker.duty
+            if role is Role.OWNER and not duty.restored:
                 self._restore(self.worker)
-            self.worker.owns = role is Role.OWNER and self._same_id.stance is Stance.GO_ON
-            self.worker.fuses = self._is_warm or role is Role.OWNER
-            self.worker.epoch = self.ownership.epoch
+            duty.owns = role is Role.OWNER and self._same_id.stance is Stance.GO_ON
+            duty.fuses, duty.epoch = self._is_warm or role is Role.OWNER, self.ownership.epoch
             self.worker.reconcile()
         if role is not Role.REQUESTING and self._request is not None:
             self._request.close()
@@ -246,22 +246,22 @@ class SceneMember:
             if self.vocabulary is None:
                 return
             self._end_lookup()
-        self.worker = worker_of(
-            self.scene, self._service, self._new_engine, self.vocabulary, self.status, self._file, self._hand_over
+        self.worker = SceneWorker(
+            self.scene, self._service, self._new_engine, self.vocabulary, self.status, self._files, self._hand_over
         )
-        if self._is_warm and self._file is not None and (checkpoint := self._file.read(self.scene.scene)) is not None:
+        if self._is_warm and (checkpoint := self._files.read(self.scene.scene)) is not None:
             # Before the first posterior; after it the engine has a movement of its own.
             self.worker.restore(checkpoint)
 
-    def _restore(self, worker: Worker) -> None:
+    def _restore(self, worker: SceneWorker) -> None:
         """Continue from the newest checkpoint: an answer, the owner's last messages, the last handover, or the file."""
         checkpoints = [
             self._request.checkpoint() if self._request is not None else None,
             self._listener.checkpoint() if self._listener is not None else None,
             self._handover_checkpoint,
-            self._file.read(self.scene.scene) if self._file is not None else None,
+            self._files.read(self.scene.scene),
         ]
-        worker.restored = True
+        worker.duty.restored = True
         if available := [checkpoint for checkpoint in checkpoints if checkpoint is not None]:
             # Of equally new ones the first: a handover has more than a judgement.
             worker.restore(max(available, key=lambda checkpoint: checkpoint.judgement.at_ns))

@@ -68,7 +68,7 @@ class _Sent:
 
 
 class VerdictPublisher:
-    """Publishes the judgements and verdicts of one scene while it is the owner's, and answers queries for them.
+    """Publishes the judgements and verdicts on one person while it is the owner's, and keeps the last for queries.
 
     A standby service passes the owner's messages to `remember`, so that it can answer queries after a takeover.
     full_votes: whether judgements have them under their usual key, too. put: sends a judgement, now or soon; verdicts
@@ -94,16 +94,14 @@ class VerdictPublisher:
         self._engine, self._file = engine, file
         self._last_judgement: JudgementMessage | None = None
         self._last_verdict: VerdictMessage | None = None
-        self._judgement_payload: bytes | None = None
-        self._verdict_payloads: tuple[bytes, ...] = ()
+        self.judgement_payload: bytes | None = None
+        """The newest judgement, ours or the owner's, as it was published."""
+        self.verdict_payloads: tuple[bytes, ...] = ()
+        """The last verdicts likewise, the newest last."""
         self._published: deque[tuple[str, str, int]] = deque(maxlen=PUBLISHED_LIMIT)
         self.shared = SharedMovements()
         """What this service has published, or an owner that it followed."""
         self._sent: deque[_Sent] = deque(maxlen=VERDICTS_LIMIT)
-        self.answers = False
-        """Whether queries are answered: by the owner alone."""
-        session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
-        session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
 
     def publish(
         self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage, vocabulary: bytes, now_s: float
@@ -175,11 +173,11 @@ class VerdictPublisher:
         payload = encode(message, self._full_votes)
         self.shared.record(message)
         if isinstance(message, VerdictMessage):
-            self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_LIMIT:]
+            self.verdict_payloads = (*self.verdict_payloads, payload)[-VERDICTS_LIMIT:]
             self._last_verdict = message
             self._published.append((message.id, message.fusion, message.seq))
             return payload
-        self._last_judgement, self._judgement_payload = message, payload
+        self._last_judgement, self.judgement_payload = message, payload
         return payload
 
     def _write(self) -> None:
@@ -200,11 +198,6 @@ class VerdictPublisher:
     def unfinished(self) -> VerdictMessage | None:
         """The verdict on the movement in progress, if it is decided."""
         return unfinished(self._last_judgement, self._last_verdict)
-
-    @property
-    def judgement_payload(self) -> bytes | None:
-        """The newest judgement, ours or the owner's, as it was published."""
-        return self._judgement_payload
 
     def repeat(self, judgement: bytes | None) -> None:
         """Send a judgement once more, for a service that did not receive it."""

@@ -1,129 +1,128 @@
-"""Fuses one scene in this process: posteriors in, judgements and verdicts out."""
+"""Fuses one scene in this process: posteriors in, judgements and verdicts out, for one person or for several.
+
+1. A scene has one session, and a `PersonWorker` for each person, which judges. people.py says whose the tracks are.
+2. The first person's worker always judges, so that listeners know that the service is there. Another one does while its
+   person is there, and until the movement of a person who has left has ended.
+3. A message of another service goes to the worker of its person. The places in it tell which of the people known here
+   they are.
+"""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 from common import SECOND_NS
 from common.clock_skew import ClockQuerier
 from common.config import Scene
 from common.inbox import Arrival
-from common.keys import observer_of
-from common.link import Link, Publisher
 from common.load import LoadMeter
-from common.messages import JudgementMessage, ObserverStatistics, VerdictMessage
-from common.notify import Notifier
+from common.messages import JudgementMessage, VerdictMessage
 from common.status import ProcessStatus
-from common.subsession import SubSession
 from common.vocabulary import Vocabulary
-from common.wire import encode_vocabulary
-from fusion.checkpoint import FORGET_S, NOTHING_LEARNED, Checkpoint, CheckpointFile
+from common.wire import decode, encode_vocabulary
+from fusion.checkpoint import Checkpoint, CheckpointFiles
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
-from fusion.engine.roster import POOLED_STATES
-from fusion.ingest import PosteriorIngest, newest
-from fusion.publisher import Reachability, VerdictPublisher
-from fusion.reconciliation import UnreconciledMovement
+from fusion.ingest import NEWEST, newest
+from fusion.people import ScenePeople
+from fusion.people_ingest import PeopleIngest
+from fusion.person_worker import Duty, PersonWorker
+from fusion.publisher import Reachability
+from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
 WAY_OUT = "find out who sends so many (labanmesh doctor), or run fuse on a faster machine"
 RECEPTION_TIMEOUT_S = 0.3
 """A service that has received no posterior for so long is disconnected itself, rather than the owner silent."""
+TOGETHER_S = 3.0
+"""Who comes so long after the first posterior comes into a scene that runs: no observer is waited for."""
+ALONE = ""
+"""Stands for the only person of a scene that judges one."""
 
 
-@dataclass(frozen=True, slots=True)
-class Service:
-    """What all scenes of one fusion service share.
+class NewEngine(Protocol):
+    """Makes an engine in a vocabulary, for one of several people or for all that the scene has."""
 
-    own: its id. session: random per process, to notice a second process of the same id. clock: Unix epoch in ns.
-    ticks: monotonic seconds. shared: whether scenes that name no standby services are shared by all services. polled:
-    whether messages wait until the step that takes them (many scenes) instead of being received by a thread for each
-    subscription. wake: called when the loop has work. ask_clocks_s: seconds between two readings of a clock.
-    put: sends a judgement, now or with those of other scenes. supervisor: receives the state of the scene, if there is
-    only one.
-    """
-
-    own: str
-    session: str
-    link: Link
-    clock: Callable[[], int]
-    ticks: Callable[[], float]
-    shared: bool
-    polled: bool
-    wake: Callable[[], None]
-    ask_clocks_s: float
-    put: Callable[[Publisher, bytes], None]
-    supervisor: Notifier
+    def __call__(self, vocabulary: Vocabulary, person: str | None = None) -> FusionEngine:
+        """The engine."""
 
 
 @dataclass(frozen=True, slots=True)
 class StepInput:
-    """The first half of a step: how many posteriors were received and read, and the case to pool, if any."""
+    """The first half of a step: how many posteriors were received and read; of each person who is judged the time, and
+    the case to pool."""
 
     received: int = 0
     read: int = 0
-    now_ns: int = 0
-    case: PoolingCase | None = None
+    each: Sequence[tuple[PersonWorker, int, PoolingCase]] = ()
+
+    @property
+    def cases(self) -> list[PoolingCase]:
+        """The cases to pool."""
+        return [case for _, _, case in self.each]
 
 
 @dataclass(frozen=True, slots=True)
 class StepResult:
-    """The second half of a step: the judgement, if there is one, and the verdicts that were published."""
+    """The second half of a step: the first person's result, if there is one, and the verdicts that were published."""
 
     output: EngineOutput | None = None
     published: Sequence[VerdictMessage] = ()
 
 
 class SceneWorker:
-    """An engine with its subscriptions and publications, which end with `close`.
+    """The engines of a scene with its subscriptions and publications, which end with `close`.
 
-    fuses: whether posteriors are fused, not only received. owns: whether the results are published; `epoch` goes with
-    them. restored: whether the engine continues from messages of another service or an earlier process. present: the
-    observers that are. checkpoint: what another service needs to continue.
+    duty: what the service does for the scene. present: the observers that are. people: who is who in a scene that
+    judges several people.
     """
 
     def __init__(
         self,
         scene: Scene,
         service: Service,
-        engine: FusionEngine,
+        new_engine: NewEngine,
+        vocabulary: Vocabulary,
         status: ProcessStatus,
-        file: CheckpointFile | None,
+        files: CheckpointFiles,
         hand_over: Callable[[str], bytes | None],
-        session: SubSession | None = None,
     ) -> None:
-        """hand_over: called between two steps with the id of a service that asks for the scene. session: shared by
-        several workers of the scene."""
-        self._scene, self._own, self._clock = scene, service.own, service.clock
-        self._engine, self._status = engine, status
-        self._session = session or service.link.sub_session(polled=service.polled)
+        """hand_over: called between two steps with the id of a service that asks for the scene."""
+        self._scene, self._own, self._status = scene, service.own, status
+        self._clock, self._ticks, self._link = service.clock, service.ticks, service.link
+        self.duty, self._reachable = Duty(), Reachability()
+        keys, is_one = scene.keys, scene.people.most == 1
+        self._session = service.link.sub_session(polled=service.polled)
         # Always polled: ownership changes between two steps only.
-        self._requests = session or service.link.sub_session(polled=True)
+        self._requests = service.link.sub_session(polled=True)
         self._requests.answer_requests(
-            scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
+            keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
         )
         # With many scenes by whole keys: with 250 wildcards, which Zenoh tries one by one, a message costs ten times as
         # much. With few scenes the server has one inbox.
-        names = map(scene.keys.posterior, scene.roster) if service.polled else ()
-        self._posteriors, alive = self._session.newest(*names), scene.keys.observer_alive
-        self.present = self._session.presence(alive(), map(alive, scene.roster))
-        self._alive: frozenset[str] | None = None
-        self._ingest = PosteriorIngest(engine, service.clock)
-        status_keys = scene.keys.observer_status()
+        names = [*map(keys.posterior, scene.roster)] if service.polled else ()
+        self._posteriors = self._session.newest(*names) if is_one else self._session.inbox(*names)
+        self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
+        self._workers = {
+            person: PersonWorker(
+                scene, service, new_engine(vocabulary, person or None), status, files.files.get(person), self._session,
+                self.duty, self._is_reachable,
+            )
+            for person in ((ALONE,) if is_one else scene.people.ids)
+        }  # fmt: skip
+        self._first = next(iter(self._workers.values()))
+        self.people = None if is_one else ScenePeople(scene.people.ids)
+        skew_s = self._first.engine.skew_s
+        self._ingest = None if self.people is None else PeopleIngest(self.people, scene.roster, skew_s)
+        status_keys = keys.observer_status()
         self._clocks = ClockQuerier(self._session, status_keys, self._clock, service.wake, service.ask_clocks_s)
-        is_full = scene.fusion.votes == "full"
-        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, is_full, service.put)
-        self.checkpoint = self._publisher.checkpoint
-        self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary, service.own)
-        self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
-        self._withheld: list[VerdictMessage] = []
-        self._unreconciled: UnreconciledMovement | None = None
-        self._received_s = service.ticks()
-        self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
-        self._waiting: bool | None = None
-        self._load = LoadMeter("posteriors", WAY_OUT)
-        self.fuses = self.owns = self.restored = False
-        self.epoch = 0
+        self._vocabulary = encode_vocabulary(scene.scene, vocabulary, service.own)
+        self._session.answer(keys.vocabulary, lambda: self._vocabulary)
+        self._session.answer(keys.judgement, self._last_judgements)
+        self._session.answer(keys.verdict, self._last_verdicts)
+        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", WAY_OUT)
+        self._first_ns: int | None = None
 
     @property
     def complaint(self) -> str:
@@ -132,63 +131,50 @@ class SceneWorker:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no movement is in progress."""
-        return self._publisher.at_rest
+        """Whether no movement of anybody is in progress."""
+        return all(worker.at_rest for worker in self._workers.values())
 
     def poll_requests(self) -> None:
         """Answer a handover request, if one has arrived."""
         self._requests.poll()
 
     def collect(self, arrivals: Sequence[Arrival] = ()) -> StepInput:
-        """Receive `arrivals` and everything else that has arrived; the result has the case to pool."""
+        """Receive `arrivals` and everything else that has arrived; the result has the cases of all people."""
         self._session.poll()
         arrivals = arrivals or self._posteriors.take()
         self._received_s = self._ticks() if arrivals else self._received_s
-        read = newest(arrivals)
+        read = newest(arrivals, NEWEST * len(self._workers))
         self._load.record(round(self._ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
-        if read and (frames_ns := self._ingest.take(*read)):
-            self._status.record_frames(frames_ns, self._clock())
-        if self.present.alive is not self._alive:
-            # After the posteriors: a last one must not bring back an observer that has gone.
-            self._alive = self.present.alive
-            self._engine.set_present(frozenset(map(observer_of, self._alive)))
-        if not self.fuses:
-            return StepInput(len(arrivals), len(read))
-        now_ns = self._clock()
-        return StepInput(len(arrivals), len(read), now_ns, self._engine.pooling_case(now_ns))
+        of_person = {ALONE: read} if self._ingest is None else self._sorted(self._ingest, read)
+        each = []
+        for person, worker in self._workers.items():
+            own = of_person.get(person, ())
+            if own or self._is_judged(person):
+                now_ns, case = worker.collect(own, self.present)
+                if case is not None:
+                    each.append((worker, now_ns, case))
+        return StepInput(len(arrivals), len(read), each)
 
-    def finish(self, step: StepInput, pooled: PooledPosterior | None = None) -> StepResult:
-        """Fuse what `collect` returned, and publish the result if this service owns the scene.
+    def finish(self, step: StepInput, pools: Iterator[PooledPosterior]) -> StepResult:
+        """Fuse what `collect` returned, and publish the results if this service owns the scene.
 
-        pooled: the pooled posterior of the step's case; None: it is pooled here. A standby service withholds its
-        verdicts: the owner publishes them, or, if the owner stops, this service.
+        pools: the next ones are the pooled posteriors of the step's cases.
         """
-        self._publisher.answers = self.owns
-        if step.case is None:
-            return StepResult()
-        self._engine.epoch = self.epoch if self.owns else None
-        output = self._engine.output_for(step.case.posteriors, step.now_ns, pooled)
-        if self._unreconciled is not None and self.owns:
-            self._unreconciled.record_message(output.judgement)
-        self._withheld += output.verdicts
-        # While the router is away, verdicts wait, and judgements with them.
-        if not self.owns or (not self._is_reachable() and self._withheld):
-            return StepResult(output)
-        published, self._withheld = self._withheld, []
-        self._publisher.publish(published, output.judgement, self._vocabulary, self._ticks())
-        self._log_waiting(output.judgement)
-        return StepResult(output, published)
+        results = [
+            worker.finish(now_ns, case, pooled, self._vocabulary)
+            for (worker, now_ns, case), pooled in zip(step.each, pools, strict=False)
+        ]
+        published = [verdict for _, verdicts in results for verdict in verdicts]
+        return StepResult(results[0][0] if results else None, published)
 
     def read_clocks(self) -> None:
         """Ask for the observers' clocks if it is due, and take the answers; after a step, when no listener waits."""
         if self._clocks.ask_if_due():
-            self._status.observers = self.statistics()
+            # Of the first person's worker, which also counts what is of nobody.
+            self._status.observers = self._first.statistics(self._scene.roster)
         for status, reading in self._clocks.readings():
-            self._engine.record_clock(status.id, reading)
-
-    def statistics(self) -> dict[str, ObserverStatistics]:
-        """Clock skew and rejected messages of each observer."""
-        return self._ingest.statistics(self._scene.roster)
+            for worker in self._workers.values():
+                worker.engine.record_clock(status.id, reading)
 
     def _is_reachable(self) -> bool:
         return self._scene.mesh.mode != "router" or self._reachable.update(
@@ -200,100 +186,106 @@ class SceneWorker:
         return not self.present.alive or now_s - self._received_s < RECEPTION_TIMEOUT_S
 
     def stand_down(self) -> None:
-        """Stop publishing, because another service is the owner: see reconciliation.py."""
-        verdict = self._publisher.unfinished
-        if verdict is not None:
-            self._unreconciled = UnreconciledMovement(verdict, self._clock(), self._publisher.judgement_payload)
+        """Stop publishing, because another service is the owner."""
+        for worker in self._workers.values():
+            worker.stand_down()
 
     def reconcile(self) -> bool:
-        """Publish the end of the movement in which this service stood down, once it is due, and verdicts that may be
-        lost (reconciliation.py). Returns whether nothing is left to publish; to be called at every step.
+        """Publish what is left of the time when this service was the owner, and verdicts that may be lost. Returns
+        whether nothing is left to publish; to be called at every step.
         """
         is_reachable = self._is_reachable()
-        now_s = self._ticks()
-        self._publisher.repeat_verdicts(self._reachable.lost_from(now_s), now_s)
-        if self._unreconciled is None:
-            return is_reachable
-        now_ns = self._clock()
-        same_as = self._unreconciled.same_as(now_ns)
-        if same_as is not None:
-            # With an epoch it would be the message of an owner, for which the present one would stand by.
-            self._engine.epoch = None
-            self._publisher.close(self._engine.close(self._unreconciled.verdict, now_ns, now_ns, same_as))
-        if self._unreconciled.should_repeat(now_ns):
-            self._publisher.repeat(self._unreconciled.judgement)
-        if self._unreconciled.is_reconciled:
-            self._unreconciled = None
-        return self._unreconciled is None
+        lost_from_s = self._reachable.lost_from(self._ticks())
+        reconciled = [worker.reconcile(lost_from_s) for worker in self._workers.values()]
+        return is_reachable and all(reconciled)
 
     def adopt(self, message: JudgementMessage) -> None:
-        """Continue the movement of a service that stands down, if this one has none; say which are the same."""
-        if isinstance(message, VerdictMessage) and (same_as := self._publisher.shared.same_as(message)) is not None:
-            ended_ns = message.ended_ns or message.decided_ns
-            self._publisher.close(self._engine.close(message, ended_ns, self._clock(), same_as))
-        movement = message.movement
-        if movement is not None and not self._publisher.knows(movement.id) and self._engine.adopt(message):
-            log.info("%s: goes on with %s of %s", self._scene.scene, movement.id, message.fusion)
+        """Continue a movement of a service that stands down."""
+        self._worker_of(message).adopt(message)
+
+    def follow(self, message: JudgementMessage) -> None:
+        """Continue from the owner's message."""
+        self._align([message])
+        self._worker_of(message).follow(message)
 
     @property
     def observed_vocabulary(self) -> str | None:
-        """The hash of the vocabulary in which most observers publish; None if there is no majority."""
-        return self._engine.observed_vocabulary(self._clock())
+        """The hash of the vocabulary in which the observers of most people publish; None if there is no majority."""
+        now_ns = self._clock()
+        known = [worker.engine.observed_vocabulary(now_ns) for worker in self._workers.values()]
+        return max(filter(None, known), key=known.count, default=None)
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
-        """Fuse posteriors in `vocabulary` from now on; the owner ends a decided movement first, and publishes the new
-        vocabulary, so that listeners need not ask for it."""
-        ended = self._engine.change_vocabulary(vocabulary, self._clock())
+        """Fuse posteriors in `vocabulary` from now on."""
         self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
-        if self.owns:
-            self._publisher.change_vocabulary([*self._withheld, *ended], self._vocabulary, self._ticks())
-        self._withheld.clear()
+        for worker in self._workers.values():
+            worker.change_vocabulary(vocabulary, self._vocabulary)
         log.info("%s: new vocabulary: %s", self._scene.scene, ", ".join(vocabulary.labels))
 
     def take_times(self, vocabulary: Vocabulary) -> None:
         """Take the durations of the same movements in `vocabulary`; the owner publishes them with the next step."""
-        self._engine.take_times(vocabulary)
         self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
+        for worker in self._workers.values():
+            worker.engine.take_times(vocabulary)
 
-    def _log_waiting(self, judgement: JudgementMessage) -> None:
-        if (waiting := judgement.agreement.n == 0) != self._waiting:
-            self._waiting = waiting
-            counted = [name for name, vote in judgement.votes.items() if vote.state in POOLED_STATES]
-            text = "waiting for observers" if waiting else f"fusing {', '.join(counted)}"
-            log.info("%s: %s", self._scene.scene, text)
-
-    def follow(self, message: JudgementMessage) -> None:
-        """Continue from the owner's message; this engine decides again what the owner has not published."""
-        self._withheld.clear()
-        if self._unreconciled is not None:
-            self._unreconciled.record_message(message)
-        if isinstance(message, VerdictMessage) and (
-            self._publisher.has_published(message) or message.same_as is not None
-        ):
-            # The owner repeats it, because it may have been lost, or says which ids are one movement: another movement
-            # may be in progress.
-            return
-        self._engine.continue_from(message)
-        self._publisher.remember(message)
-        self.restored = True
+    def checkpoint(self) -> Checkpoint | None:
+        """What another service needs to continue: the checkpoints of all people."""
+        checkpoints = [worker.publisher.checkpoint() for worker in self._workers.values()]
+        known = [each for each in checkpoints if each is not None]
+        return known[0].model_copy(update={"people": tuple(known[1:])}) if known else None
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue from `checkpoint`; of one older than FORGET_S a decided movement ends when it was judged last.
-
-        What was learned about observers in another vocabulary was learned about other models, and is forgotten.
-        """
-        if checkpoint.judgement.vocabulary.hash != self._engine.vocabulary.digest:
-            checkpoint = checkpoint.model_copy(update={"reliability": NOTHING_LEARNED})
-        if checkpoint.age_s(self._clock()) <= FORGET_S:
-            self._publisher.restore(checkpoint)
-        else:
-            self._engine.reliability = checkpoint.reliability
-            if checkpoint.unfinished is not None:
-                ended_ns = checkpoint.judgement.at_ns
-                self._withheld.append(self._engine.close(checkpoint.unfinished, ended_ns, self._clock()))
-        self.restored = True
+        """Continue from `checkpoint`."""
+        each = [checkpoint.model_copy(update={"people": ()}), *checkpoint.people]
+        self._align([one.judgement for one in each])
+        for one in each:
+            self._worker_of(one.judgement).restore(one)
+        self.duty.restored = True
 
     def close(self) -> None:
         """End all subscriptions and publications."""
         self._requests.close()
         self._session.close()
+
+    def _sorted(self, ingest: PeopleIngest, arrivals: Sequence[Arrival]) -> Mapping[str, Sequence[Arrival]]:
+        """The arrivals by person, each of whom is told where they are."""
+        now_ns, before = self._clock(), ingest.people.present
+        if arrivals and self._first_ns is None:
+            self._first_ns = now_ns
+        result = ingest.sort(arrivals, now_ns)
+        for person in ingest.people.present:
+            # Not all observers need to see somebody who comes into a scene that runs.
+            if person not in before and abs(now_ns - (self._first_ns or now_ns)) > TOGETHER_S * SECOND_NS:
+                self._workers[person].engine.wait_for_roster(0)
+        for person, worker in self._workers.items():
+            place = ingest.people.place(person, now_ns)
+            worker.engine.place = None if place is None else [round(each, 2) for each in place]
+        return result
+
+    def _is_judged(self, person: str) -> bool:
+        worker = self._workers[person]
+        return worker is self._first or self.people is None or person in self.people.present or not worker.at_rest
+
+    def _worker_of(self, message: JudgementMessage) -> PersonWorker:
+        return self._workers.get(message.person or ALONE, self._first)
+
+    def _align(self, messages: Sequence[JudgementMessage]) -> None:
+        """Call the people here as the owner does."""
+        places = {each.person: each.place for each in messages if each.person is not None and each.place is not None}
+        if places and self.people is not None:
+            self.people.align(places, self._clock())
+
+    def _last_judgements(self) -> list[bytes]:
+        """Of each person; the owner alone has them for late joiners."""
+        payloads = [worker.publisher.judgement_payload for worker in self._workers.values() if self.duty.owns]
+        return [payload for payload in payloads if payload is not None]
+
+    def _last_verdicts(self) -> list[bytes]:
+        """Those of all people, the newest last; the owner alone has them for late joiners."""
+        payloads = [
+            payload
+            for worker in self._workers.values()
+            if self.duty.owns
+            for payload in worker.publisher.verdict_payloads
+        ]
+        return sorted(payloads, key=lambda payload: decode(VerdictMessage, payload).at_ns) if self.people else payloads

@@ -27,10 +27,10 @@ from fusion.ingest import FLOOD
 from fusion.instrumentation import ServerStep, instrumented
 from fusion.membership import SceneMember
 from fusion.ownership import Role
-from fusion.people_worker import Worker
 from fusion.publisher import JudgementBatch, put_now
 from fusion.same_id import IdCheck
-from fusion.scene_worker import Service, StepInput, StepResult
+from fusion.scene_worker import SceneWorker, StepInput, StepResult
+from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
 FEW_SCENES = 8
@@ -263,11 +263,11 @@ class SteadyClock:
             self._offset_ns = offset_ns
 
 
-def _finished(steps: Sequence[tuple[Worker, StepInput]]) -> Iterator[StepResult]:
+def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:
     """Pool all cases together, and finish each step."""
-    pools = iter(pool_steps([step.case for _, step in steps if step.case is not None]))
+    pools = iter(pool_steps([case for _, step in steps for case in step.cases]))
     for worker, step in steps:
-        yield worker.finish(step, None if step.case is None else next(pools))
+        yield worker.finish(step, pools)
 
 
 def _by_scene(arrivals: Iterable[Arrival]) -> dict[str, list[Arrival]]:

@@ -16,7 +16,7 @@ from common.vocabulary import Vocabulary
 from common.wire import BadMessage, check_vocabulary, decode_from, require_fits
 from common.zenoh_settings import MAX_MESSAGE_BYTES
 from fusion.checkpoint import Checkpoint
-from fusion.scene_worker import Service
+from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
 ANSWER_TIMEOUT_S = 1.0

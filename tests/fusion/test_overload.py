@@ -7,7 +7,7 @@ from common.link import Link
 from common.notify import Notifier
 from fusion.membership import SceneMember
 from fusion.publisher import put_now
-from fusion.scene_worker import Service
+from fusion.service import Service
 
 MESH = MeshConfig(mode="process", endpoint="tcp/127.0.0.1:0")
 STEPS_HZ = 5

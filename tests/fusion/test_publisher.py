@@ -48,7 +48,7 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
 
         return SimpleNamespace(put=put, has_subscriber=False)
 
-    session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
+    session = SimpleNamespace(publisher=publisher)
     file = SimpleNamespace(is_due=lambda judgement: True, write=lambda checkpoint: events.append("file"))
     VerdictPublisher(session, keys, scene.engine, file).publish(
         [scene.verdicts[n] for n in sent], judgement, VOCABULARY, 0.0
@@ -56,18 +56,16 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
     assert events == order
 
 
-def test_late_joiners_receive_the_last_verdicts_of_the_owner_alone(played):
-    (scene, judgement), queries = played, {}
+def test_the_last_verdicts_are_kept_for_late_joiners(played):
+    scene, judgement = played
     publisher = SimpleNamespace(put=lambda _: None, has_subscriber=False)
-    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=queries.__setitem__)
-    keys = SceneKeys("dojo")
-    owner = VerdictPublisher(session, keys, scene.engine, None)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher)
+    owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None)
+    assert owner.verdict_payloads == () and owner.judgement_payload is None
     for _ in range(VERDICTS_LIMIT):
         owner.publish(scene.verdicts[:2], judgement, VOCABULARY, 0.0)
-    assert queries[keys.verdict]() is None and queries[keys.judgement]() is None
-    owner.answers = True
-    assert len(queries[keys.verdict]()) == VERDICTS_LIMIT
-    assert decode(VerdictMessage, queries[keys.verdict]()[-1]).stage == "ended"
+    assert len(owner.verdict_payloads) == VERDICTS_LIMIT and owner.judgement_payload == encode(judgement)
+    assert decode(VerdictMessage, owner.verdict_payloads[-1]).stage == "ended"
 
 
 def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played):
@@ -79,7 +77,7 @@ def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played
             put=lambda _: events.append((scene_name, kind)) if kind != "votes" else None, has_subscriber=False
         )
 
-    session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
+    session = SimpleNamespace(publisher=publisher)
     for name in ("north", "south"):
         one = VerdictPublisher(session, SceneKeys(name), scene.engine, None, put=outbox.put)
         one.publish(scene.verdicts[:1], judgement, VOCABULARY, 0.0)
@@ -96,7 +94,6 @@ def test_the_vocabulary_is_sent_once_an_epoch(played):
         publisher=lambda key, **_: SimpleNamespace(
             put=lambda payload: sent.append(payload) if key.endswith("/vocabulary") else None, has_subscriber=False
         ),
-        answer=lambda *_: None,
     )
     owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None)
     for epoch in (1, 1, 2):
@@ -109,7 +106,7 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
     """A listener would take a decision that follows its movement's end for a new one."""
     (scene, judgement), sent = played, []
     publisher = SimpleNamespace(put=sent.append, has_subscriber=False)
-    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher)
     owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None, put=lambda *_: None)
     for at_s, verdict in enumerate(scene.verdicts[:3]):
         owner.publish([verdict], judgement, VOCABULARY, float(at_s))
@@ -123,7 +120,7 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
 def test_a_verdict_that_the_owner_sends_again_is_known_and_the_next_one_is_not(played):
     scene, _ = played
     publisher = SimpleNamespace(put=lambda _: None, has_subscriber=False)
-    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher)
     standby = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None)
     standby.remember(scene.verdicts[0])
     assert [standby.has_published(verdict) for verdict in scene.verdicts[:3]] == [True, False, False]
@@ -133,7 +130,7 @@ def test_what_another_service_goes_on_with_is_not_sent_again(played):
     """It repeats what may be lost itself, and may have ended the movement where this service did not hear it."""
     (scene, judgement), sent = played, []
     publisher = SimpleNamespace(put=sent.append, has_subscriber=False)
-    session = SimpleNamespace(publisher=lambda key, **_: publisher, answer=lambda *_: None)
+    session = SimpleNamespace(publisher=lambda key, **_: publisher)
     owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None, put=lambda *_: None)
     decided, other = scene.verdicts[0], scene.verdicts[2]
     for verdict in (decided, other):

@@ -146,7 +146,7 @@ def test_it_is_alive_and_its_last_status_is_stopping(scene, peer, running):
 
 def test_scenes_without_vocabulary_ask_an_observer_as_soon_as_it_appears(read, peer, running, monkeypatch):
     # Without an observer to ask, the next time would be after the end of the test.
-    monkeypatch.setattr("fusion.standby.VOCABULARY_TIMEOUT_S", 10 * SOON_S)
+    monkeypatch.setattr("fusion.standby.ANSWER_TIMEOUT_S", 10 * SOON_S)
     scenes = [read("dojo", ""), read("garden")]
     hub = peer()
     judgements, statuses = hub.inbox(scenes[0].keys.judgement), hub.inbox(scenes[0].keys.fusion_status())

@@ -248,6 +248,8 @@ def test_a_standby_service_publishes_its_status_and_nothing_else(stage):
     stage.judgement(lambda j: j.fusion == "a")
     stage.stand_by("b")
     assert {j.fusion for j in stage.judgements(lambda j: j.seq > 30)} == {"a"}
+    answers = stage.hub.ask_each(stage.keys.judgement, SOON_S)
+    assert [decode(JudgementMessage, payload).fusion for _, payload in answers] == ["a"]
 
 
 def test_a_late_joiner_gets_the_last_verdicts_from_any_leader(stage):
@@ -256,6 +258,8 @@ def test_a_late_joiner_gets_the_last_verdicts_from_any_leader(stage):
         stage.decide()
         stage.state = REST
         stage.verdicts(lambda v: v.ended_ns is not None)
+    both = stage.mesh.peer("hub").ask_each(stage.keys.verdict, SOON_S)
+    assert len(both) == 4, "the owner alone answers"
     stage.end("a")
     stage.judgement(lambda j: j.fusion == "b")
     answers = stage.mesh.peer("hub").ask_each(stage.keys.verdict, SOON_S)
