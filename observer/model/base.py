@@ -294,8 +294,6 @@ def recording_numbers(items: Sequence[Watched]) -> list[int]:
 
 
 def evenly_spread(number: int) -> float:
-    """The fractional part of `number` times the golden ratio: successive numbers fill [0, 1) evenly, however many.
-
-    In place of random numbers: the choice is the same each time.
-    """
+    """The fractional part of `number` times the golden ratio, in place of random numbers, as it is the same each time:
+    successive numbers fill [0, 1) evenly, however many."""
     return (number * (math.sqrt(5) - 1) / 2) % 1.0
