@@ -4,7 +4,9 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
+
+from common.arrival import Arrival as Arrival
 
 LARGE = 2048
 """Bytes of a payload from which it is counted; a queue of smaller ones is bounded by their number."""
@@ -13,17 +15,6 @@ BYTES_LIMIT = 16 << 20
 STRANGERS_LIMIT = 256
 SHARE = 4
 """One key may fill a quarter of this, so that a flood under one key costs other keys nothing."""
-
-
-class Arrival(NamedTuple):
-    """One message: its key, its bytes, and when it arrived here (Unix epoch).
-
-    A tuple, because tens of thousands are made per second.
-    """
-
-    key: str
-    payload: bytes
-    arrived_ns: int
 
 
 class Inbox:

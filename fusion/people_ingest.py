@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from common import SECOND_NS
-from common.inbox import Arrival
+from common.arrival import Arrival
 from common.keys import observer_of
 from common.messages import PosteriorMessage
 from common.wire import BadMessage, decode_from

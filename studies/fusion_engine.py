@@ -14,12 +14,27 @@ from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, get_rule
 from fusion.engine.trust import HONEST, after_message, published_trust
 from fusion.engine.weighing import Rule
+from fusion.people import ScenePeople
+from fusion.people_ingest import PeopleIngest
 
 # fmt: off
 __all__ = [
-    "DEFAULT_RULE", "AgedPosterior", "EngineOutput", "FusionEngine", "PooledPosterior",
-    "PoolingCase", "Rule", "facing_deg", "first_word", "get_rule",
-    "pool_many", "pool_posteriors", "steady_trusts", "step",
+    "DEFAULT_RULE",
+    "AgedPosterior",
+    "EngineOutput",
+    "FusionEngine",
+    "PeopleIngest",
+    "PooledPosterior",
+    "PoolingCase",
+    "Rule",
+    "ScenePeople",
+    "facing_deg",
+    "first_word",
+    "get_rule",
+    "pool_many",
+    "pool_posteriors",
+    "steady_trusts",
+    "step",
 ]
 # fmt: on
 

@@ -87,7 +87,7 @@ class Gap:
 
 
 class JudgementReplay:
-    """Fuses the recorded judgements again, one after the other.
+    """Fuses the recorded judgements on one person again, one after the other.
 
     `gaps`: before a capture that began in the middle, around judgements that it missed (`missing` many), and where
     another service took over. A movement that was under way then continues as recorded, because the internal state of
@@ -165,7 +165,8 @@ class JudgementReplay:
             raise BadInput(NOBODY_LEFT)
         # The rule of the judgement: the environment may have overridden the scene file.
         config = self._scene.fusion.model_copy(update={"rule": judgement.rule})
-        engine = FusionEngine(judgement.scene, list(observers), vocabulary, self._change.config(config, len(observers)))
+        changed = self._change.config(config, len(observers))
+        engine = FusionEngine(judgement.scene, list(observers), vocabulary, changed, judgement.person)
         # A capture from before there was this key has verdicts that did not wait.
         if judgement.seq == 1 and "start_s" in config.model_fields_set:
             engine.wait_for_roster(config.start_s)
@@ -181,6 +182,7 @@ class JudgementReplay:
         prior = uniform(engine.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
         posteriors = [_posterior(o, judgement.votes[o], prior, remaining) for o in remaining]
+        engine.place = judgement.place
         output = engine.output_for(posteriors, judgement.at_ns)
         sender = {"fusion": judgement.fusion, "epoch": judgement.epoch, "session": judgement.session}
         verdicts = [verdict.model_copy(update=sender | self._scores_of(verdict)) for verdict in output.verdicts]

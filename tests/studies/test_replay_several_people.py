@@ -1,0 +1,75 @@
+"""Replay of a scene that judges two people: each has the verdicts that were recorded of them."""
+
+import pytest
+from replay_stage import NAMES, NOON, OBSERVERS, ROOT, a_scene, key_of, labels, steps
+
+from common.arrival import Arrival
+from common.capture_record import CaptureRecord
+from common.config_people import PeopleConfig
+from common.floor_place import FloorPlace
+from common.wire import encode, encode_vocabulary
+from studies.fusion_engine import FusionEngine, PeopleIngest, ScenePeople
+from studies.replay.from_judgements import ReplayChange
+from studies.replay.judging import judge_again
+
+PLACES = {"l": (1.0, 0.0), "r": (-1.0, 0.0)}
+# In turn: the left one bows while the right one stands, and so on.
+PLAYS = {
+    "l": [(0.5, 1.5, dict.fromkeys(OBSERVERS, "bowing")), (2.5, 0.0, {})],
+    "r": [(1.5, 1.5, dict.fromkeys(OBSERVERS, "lunging")), (1.5, 0.0, {})],
+}
+
+
+@pytest.fixture
+def scene():
+    return a_scene(start_s=0).model_copy(update={"people": PeopleConfig(most=2, names=("left", "right"))})
+
+
+@pytest.fixture
+def recorded(scene):
+    """The records of a service that judges both."""
+    people = ScenePeople(scene.people.ids)
+    engines = {p: FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion, p) for p in scene.people.ids}
+    ingest = PeopleIngest(people, OBSERVERS, lambda _: None)
+    result = [CaptureRecord("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)]
+    plays = {track: steps(play, seed=n) for n, (track, play) in enumerate(PLAYS.items())}
+    for (at_ns, left), (_, right) in zip(plays["l"], plays["r"], strict=True):
+        arrivals, messages = [], {}
+        for track, own in (("l", left), ("r", right)):
+            for message in own:
+                place = FloorPlace(at=PLACES[track], covariance=(0.04, 0.0, 0.04))
+                fields = {"person": track, "place": place, "seq": 2 * message.seq + (track == "r")}
+                payload = encode(message.with_fields(**fields))
+                arrivals.append(Arrival(key_of(message.observer), payload, at_ns))
+                messages[payload] = message.observer, message.with_fields(**fields)
+        result += [CaptureRecord("put", arrival.key, arrival.payload, at_ns) for arrival in arrivals]
+        for person, own in ingest.sort(arrivals, at_ns).items():
+            place = people.place(person, at_ns)
+            engines[person].place = None if place is None else [round(each, 2) for each in place]
+            for arrival in own:
+                engines[person].receive(*messages[arrival.payload], at_ns)
+        for engine in engines.values():
+            output = engine.step(at_ns)
+            result += [CaptureRecord("put", f"{ROOT}/verdict", encode(each), at_ns) for each in output.verdicts]
+            judgement = encode(output.judgement, full=True)
+            result.append(CaptureRecord("put", f"{ROOT}/judgement", judgement, at_ns))
+    return result
+
+
+def whose(result):
+    return [(row.last_replayed.person, row.last_replayed.label) for row in result.rows]
+
+
+def test_from_judgements_both_people_have_their_verdicts_bit_for_bit(scene, recorded, write):
+    result = judge_again(write(recorded, scene), ReplayChange(), "judgements")
+    assert whose(result) == [("left", "bowing"), ("right", "lunging")]
+    assert result.faithful and result.same == result.judgements > 60
+    assert [row.likeness for row in result.rows] == ["bit for bit", "bit for bit"]
+
+
+def test_from_posteriors_it_is_found_out_anew_who_is_who(scene, recorded, write):
+    unjudged = [r for r in recorded if "/observer/" in r.key or r.kind == "answer"]
+    result = judge_again(write(unjudged, scene), ReplayChange(), "posteriors")
+    assert whose(result) == [("left", "bowing"), ("right", "lunging")]
+    result = judge_again(write(recorded, scene), ReplayChange(), "posteriors")
+    assert result.faithful and labels(result) == ["bowing", "lunging"]
