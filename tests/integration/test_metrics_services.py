@@ -94,7 +94,7 @@ def metrics(address):
 def scene(tmp_path):
     def written(extra="", listen="127.0.0.1:0", mode="process", endpoint="tcp/127.0.0.1:0"):
         text = f'scene = "dojo"\n{extra}[mesh]\nmode = "{mode}"\nendpoint = "{endpoint}"\n'
-        text += f'[metrics]\nlisten = "{listen}"\n[fusion]\nstep_hz = 50\nhold_s = 0.1\nstart_s = {SOON_S}\n'
+        text += f'[metrics]\nlisten = "{listen}"\n[fusion]\nstep_hz = 50\nhold_s = 0.1\nstart_s = 60\n'
         text += "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in OBSERVERS)
         (tmp_path / "s.toml").write_text(text)
         return read_scene(tmp_path / "s.toml", {})
