@@ -29,7 +29,7 @@ def people():
 
 @pytest.fixture(scope="module")
 def model(people):
-    old = recordings_of(people, ("1", "2"), OLD)
+    old = recordings_of(people, ("1", "2"), OLD, trials=2)
     return learn_view(old, DOOR, Vocabulary(OLD), parameters={"kernels": 336.0})
 
 
@@ -37,7 +37,7 @@ def model(people):
 def with_facings(people):
     """A model of several facings."""
     parameters = {"facings": 4.0, "kernels": 336.0}
-    old = recordings_of(people, ("1", "2"), OLD)
+    old = recordings_of(people, ("1", "2"), OLD, trials=1)
     return learn_view(old, DOOR, Vocabulary(OLD), parameters=parameters, calibrate=False)
 
 
@@ -143,9 +143,9 @@ def test_the_file_of_an_edited_model_names_what_was_added(model, people, tmp_pat
 
 
 def test_an_added_movement_has_all_facings(with_facings, people):
-    grown = add_movements(with_facings, recordings_of(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
+    grown = add_movements(with_facings, recordings_of(people, ("1", "2"), (NEW[0],), trials=1), DOOR).model
     arrays = grown.arrays()
-    assert sorted(arrays["facing_of"][arrays["movement_of"] == 2].tolist()) == sorted([0, 1, 2, 3] * 4)
+    assert sorted(arrays["facing_of"][arrays["movement_of"] == 2].tolist()) == sorted([0, 1, 2, 3] * 2)
     assert recognised(grown, recordings_of(people, ("3",), (NEW[0],), trials=1).recordings[0]) == NEW[0]
 
 

@@ -44,13 +44,15 @@ def scene(left, right, kind="plain", light=lambda i: 1.0, frames=90):
     """Pictures; left and right: functions frame -> (u, v) or None where the hand is not there."""
     rng = np.random.default_rng(7)
     behind = background(kind, rng)
+    # Drawn anew for each picture it takes longer than the tracker.
+    noise = rng.normal(0, 4, (7, *behind.shape)).astype(np.float32)
     for i in range(frames):
         picture = behind.copy()
         cv2.circle(picture, HEAD, 20, SKIN, -1)
         for hand in (right(i), left(i)):
             if hand is not None:
                 cv2.circle(picture, (round(hand[0]), round(hand[1])), 11, SKIN, -1)
-        noisy = picture * light(i) + rng.normal(0, 4, picture.shape)
+        noisy = picture * np.float32(light(i)) + noise[i % len(noise)]
         yield np.clip(noisy, 0, 255).astype(np.uint8)
 
 
