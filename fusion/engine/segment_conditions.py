@@ -13,8 +13,9 @@ from fusion.engine.rest import CLEAR
 from fusion.engine.segment_table import Event, SegmentState
 from fusion.engine.segments import (
     ANY,
-    NO_TIMES,
     NOTICED_S,
+    UNKNOWN,
+    Durations,
     Heard,
     HeldLabel,
     MovementDecision,
@@ -23,7 +24,7 @@ from fusion.engine.segments import (
     PooledState,
     Quiet,
     SegmentStep,
-    pauses_of,
+    durations_of,
 )
 from fusion.engine.trust import MOVEMENT_S
 
@@ -49,8 +50,7 @@ class Conditions:
 
     def __init__(self, config: FusionConfig, vocabulary: Vocabulary) -> None:
         self._threshold, self._quorum, self._hold_ns = config.threshold, config.quorum, config.hold_s * SECOND_NS
-        self._pauses: Mapping[str, Pause] = pauses_of(config, vocabulary)
-        self._times = vocabulary.movements
+        self._durations: Mapping[str, Durations] = durations_of(config, vocabulary)
         self.state = SegmentState.IDLE
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
@@ -71,9 +71,11 @@ class Conditions:
     @property
     def pause(self) -> Pause | None:
         """How long the decided movement may pause because it is periodic; None: it is not."""
-        if not self._pauses or self.movement is None or self.movement.decision is None:
-            return None
-        return self._pauses.get(self.movement.decision.label)
+        return None if self.decision is None else self._lasting(self.decision.label).pause
+
+    def _lasting(self, label: str) -> Durations:
+        """How long movements with a label last."""
+        return self._durations.get(label, UNKNOWN)
 
     @property
     def _resting(self) -> Quiet | None:
@@ -163,13 +165,7 @@ class Conditions:
             return True
         if movement.carried is None or label not in (None, movement.carried):
             return False
-        return moved_until_ns - movement.began_ns < self._least_ns(movement.carried)
-
-    def _least_ns(self, label: str) -> float:
-        """No movement with this label is over sooner: half of its shortest take, or of a period, less NOTICED_S."""
-        times = self._times.get(label, NO_TIMES)
-        shortest_s = times.period_s if label in self._pauses and times.period_s else times.shortest_s
-        return 0.0 if shortest_s is None else (shortest_s / 2 - NOTICED_S) * SECOND_NS
+        return moved_until_ns - movement.began_ns < self._lasting(movement.carried).least_ns
 
     def renamed(self) -> str | None:
         """The label that replaces the decided one at rest (rule 6)."""
@@ -219,7 +215,7 @@ class Conditions:
         movement, decision = self.movement, self.decision
         if not self.is_other(step) or movement is None or decision is None:
             return False
-        soonest_ns = max(NOTICED_S * SECOND_NS, self._least_ns(decision.label))
+        soonest_ns = max(NOTICED_S * SECOND_NS, self._lasting(decision.label).least_ns)
         return movement.outage_ns is not None or self._moved_until_held(movement) >= soonest_ns
 
     def is_premature(self, step: SegmentStep) -> bool:
@@ -227,7 +223,7 @@ class Conditions:
         movement, decision = self.movement, self.decision
         if not self.is_other(step) or movement is None or decision is None or decision.revisions >= REVISIONS_LIMIT:
             return False
-        is_soon = self._moved_until_held(movement) < self._least_ns(decision.label)
+        is_soon = self._moved_until_held(movement) < self._lasting(decision.label).least_ns
         return is_soon or step.state.at_ns - decision.decided_ns >= REVISED_S * SECOND_NS
 
     def _moved_until_held(self, movement: MovementProgress) -> float:
@@ -271,8 +267,11 @@ class Conditions:
             needed_ns *= 2 if is_awaited else 1
         elif pause is not None:
             needed_ns = pause.rest_ns
-        elif quiet.clear_ns is None or at_ns - quiet.clear_ns < self._hold_ns:
-            needed_ns = max(needed_ns, PAUSE_S * SECOND_NS)
+        else:
+            lasted_ns = quiet.since_ns - self.decision.began_ns
+            needed_ns /= 2 if lasted_ns >= self._lasting(self.decision.label).shortest_ns else 1
+            if quiet.clear_ns is None or at_ns - quiet.clear_ns < needed_ns:
+                needed_ns = max(self._hold_ns, PAUSE_S * SECOND_NS)
         return at_ns - quiet.since_ns >= needed_ns
 
 

@@ -10,8 +10,8 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
    `hold_s`, or NOTICED_S longer where one of three contests it; or, contested or not, as soon as the person rests.
 3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
    decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
-4. The movement ends when rest has been beyond doubt for `hold_s`, at the time when that rest began. Rest in which
-   observers contradict each other ends it after PAUSE_S: one of them may have taken a turn of the movement for rest.
+4. The movement ends, at the time when rest began, when rest has been beyond doubt for `hold_s`, or for half of it once
+   it has lasted as long as a take. Rest in which observers contradict each other ends it after PAUSE_S.
 5. An undecided movement that ends waits up to another `hold_s` for a label that meets the demand but not yet for long
    enough. Without one it is an abstention. One that turns into something else was none, unless a label was contested.
 6. If another label met rule 2 when the person came to rest, it replaces the decided one (a revision). If something else
@@ -22,7 +22,7 @@ The table of transitions is segment_table.py: (state, event) -> (state, what is 
    that began to do so NOTICED_S after the begin and no sooner than the first can be over (rule 1), or after something
    else: the next movement. One that began earlier revises it, at the latest REVISED_S after the decision.
 8. A periodic label is one movement for as long as it is repeated: rest and something else end it only after the pause
-   of `pauses_of`, when the last repetition was seen. Any other label is a new movement each time.
+   of `durations_of`, when the last repetition was seen. Any other label is a new movement each time.
 9. After an outage, in which no posterior was pooled for OUTAGE_S, an undecided movement begins afresh with the next
    motion (rule 3). If the person rests, the label held decides it; after HIDING_S that is an abstention. A decided
    movement ends when it was seen last before the outage, unless its label is held again; after ENDING_S at once.
@@ -58,7 +58,7 @@ from fusion.engine.segments import (
     SegmentStep,
     Start,
     carried_label,
-    pauses_of,
+    durations_of,
 )
 
 GUARDED = {state: tuple((GUARDS[row.event], row) for row in rows) for state, rows in TABLE.items()}
@@ -99,7 +99,7 @@ class Segmenter(Conditions):
 
     def counts(self, label: str) -> bool:
         """Whether a label is periodic, so that its repetitions are counted."""
-        return label in self._pauses
+        return self._lasting(label).pause is not None
 
     @property
     def waits(self) -> bool:
@@ -112,7 +112,7 @@ class Segmenter(Conditions):
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Take the durations of movements in `vocabulary` from now on."""
-        self._pauses, self._times = pauses_of(self._config, vocabulary), vocabulary.movements
+        self._durations = durations_of(self._config, vocabulary)
 
     def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
         """Take one step; returns the decisions that are due: a first one, a revision, an end."""

@@ -8,7 +8,7 @@ others, whatever it counts (docs/design/fusion.md, "Segments").
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import floor
+from math import floor, inf
 from typing import NamedTuple
 
 from common import SECOND_NS
@@ -174,22 +174,43 @@ class Pause(NamedTuple):
     else_ns: float
 
 
-def pauses_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Pause]:
-    """The pauses of the labels that are periodic, by the scene file or else by their takes.
+class Durations(NamedTuple):
+    """What is known of how long movements with a label last; ns. shortest: of its takes.
 
-    While an observer counts its repetitions, a movement goes on: for the shortest rest between two takes, and for
-    LONGEST_STAY periods without a turn.
+    least: none is over sooner, by half of the shortest take, or of a period, less NOTICED_S. pause: of a periodic one.
+    """
+
+    shortest_ns: float = inf
+    least_ns: float = 0.0
+    pause: Pause | None = None
+
+
+UNKNOWN = Durations()
+
+
+def durations_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Durations]:
+    """The durations of the labels of which some are known, and of those that are periodic, by the scene file or else by
+    their takes.
+
+    While an observer counts the repetitions of a periodic movement it goes on: for the shortest rest between two takes,
+    and for LONGEST_STAY periods without a turn.
     """
     times, hold_ns = vocabulary.movements, config.hold_s * SECOND_NS
-    labels = vocabulary.periods if config.periodic is None else config.periodic
-    pauses = {}
-    for label in labels:
-        known = times.get(label, NO_TIMES)
-        rest_s = PAUSE_S if known.rest_s is None else known.rest_s
-        turn_s = known.shortest_s or 0.0 if known.period_s is None else LONGEST_STAY * known.period_s
-        rest_ns = max(rest_s * SECOND_NS, hold_ns)
-        pauses[label] = Pause(rest_ns, max(rest_ns, turn_s * SECOND_NS, 2 * hold_ns))
-    return pauses
+    periodic = vocabulary.periods if config.periodic is None else config.periodic
+    durations = {}
+    for label in {*times, *periodic}:
+        known, pause = times.get(label, NO_TIMES), None
+        once_s = known.shortest_s
+        if label in periodic:
+            rest_s = PAUSE_S if known.rest_s is None else known.rest_s
+            turn_s = known.shortest_s or 0.0 if known.period_s is None else LONGEST_STAY * known.period_s
+            rest_ns = max(rest_s * SECOND_NS, hold_ns)
+            pause = Pause(rest_ns, max(rest_ns, turn_s * SECOND_NS, 2 * hold_ns))
+            once_s = once_s if known.period_s is None else known.period_s
+        shortest_ns = inf if known.shortest_s is None else known.shortest_s * SECOND_NS
+        least_ns = 0.0 if once_s is None else (once_s / 2 - NOTICED_S) * SECOND_NS
+        durations[label] = Durations(shortest_ns, least_ns, pause)
+    return durations
 
 
 def missing_of(posteriors: Iterable[AgedPosterior]) -> list[str]:

@@ -345,6 +345,16 @@ def test_7_another_label_before_the_first_can_be_over_revises_it(first, conteste
     assert published == (revised if is_revised else two)
 
 
+@pytest.mark.parametrize(("steps", "movements"), [(8, 2), (7, 1)])
+def test_4_a_movement_that_has_lasted_as_long_as_a_take_needs_half_as_much_rest(steps, movements):
+    """The shortest lunge has eight steps, the hold three; rest is seen for two frames more than it began."""
+    segmenter, published = Segmenter(CONFIG, Vocabulary(NAMES.labels, movements=TAKES)), []
+    course = [*sure(steps, "lunge"), *sure_at_rest(3, "lunge"), *sure(8, "lunge"), *rest(5)]
+    for n, (label, p, agreeing, rest_p) in enumerate(course):
+        published += segmenter.update(PooledState(n * STEP_NS, label, p, agreeing, rest_p))
+    assert [each.stage for each in published] == ["decided", "ended"] * movements
+
+
 def test_nothing_begins_where_something_else_is_likelier_than_not():
     segmenter = Segmenter(CONFIG, NAMES)
     for n, unlearned in enumerate([0.51] * 20 + [0.5]):
