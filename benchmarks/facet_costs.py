@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from statistics import mean, median
 
 import msgspec
@@ -24,6 +25,7 @@ from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.learning.references import with_references
 from observer.model.base import MovementModel
+from observer.model.stacked import Stacked
 from observer.motion.archive import Recording
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer, PosteriorEncoder
@@ -46,6 +48,8 @@ def facet_costs() -> None:
     counting = learn_view(shown, view, Vocabulary(LABELS), calibrate=False)
     known = counting.header.vocabulary
     plain = learn_view(shown, view, Vocabulary(LABELS), calibrate=False)
+    if not isinstance(plain, Stacked):
+        raise TypeError(f"the default model is {type(plain)}; only Stacked counts")
     plain.header = replace(plain.header, vocabulary=replace(known, movements={}))
     scoring = with_references(counting, shown, view, ["all"])
     played = perform_continuously(PERSON, LABELS * 2)
@@ -74,7 +78,7 @@ def _frames(model: MovementModel, played: Recording) -> Callable[[], Sequence[fl
 
     def work() -> Sequence[float]:
         observer = Observer(ProjectedTracker(parse_view(VIEWS[0]), parts, parts), model)
-        return [*_timed(lambda frame=frame: observer.step(frame) for frame in frames_of(played))]
+        return [*_timed(partial(observer.step, frame) for frame in frames_of(played))]
 
     return work
 
@@ -82,9 +86,7 @@ def _frames(model: MovementModel, played: Recording) -> Callable[[], Sequence[fl
 def _steps(messages: Sequence[Mapping[str, PosteriorMessage]], vocabulary: Vocabulary) -> Callable[[], Sequence[float]]:
     def work() -> Sequence[float]:
         engine = FusionEngine("cost", [*messages[0]], vocabulary, FusionConfig())
-        return [
-            *_timed(lambda each=each: step(engine, each, next(iter(each.values())).captured_ns) for each in messages)
-        ]
+        return [*_timed(partial(step, engine, each, next(iter(each.values())).captured_ns) for each in messages)]
 
     return work
 
