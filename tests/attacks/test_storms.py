@@ -12,6 +12,8 @@ import pytest
 from attack_fleet import Fleet, LinkedFleet
 from attack_history import SEED, History
 from attack_storm import KINDS, Aftermath, aftermath, settle, storm, storm_of_links
+from fault_people import CYCLE_NS, PEOPLE
+from fault_people_stage import PeopleStage, both_count, of, performed
 from fault_stage import SECOND_NS, Movement, Replay, all_count
 
 from common.text import plural
@@ -107,6 +109,38 @@ def test_after_a_storm_of_links_each_movement_has_one_right_verdict_for_every_li
         if harmed:
             history.keep_more("messages.json", json.dumps(witness.messages))
             history.keep_more("logs", stage.logs(most=None))
+        assert not harmed, f"{harmed}\n{path}\n{stage.logs()}"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", ["both fusions", "router", "all"])
+def test_after_a_storm_each_movement_of_two_people_has_one_right_verdict_that_ended(
+    kind, seed, request, long_form, tmp_path
+):
+    if not long_form:
+        pytest.skip("the long form: make attacks")
+    history = History(request.node.nodeid, seed)
+    chance = random.Random(seed)  # noqa: S311 - to be repeated
+    with PeopleStage(tmp_path) as stage:
+        stage.play()
+        witness = stage.witness()
+        witness.wait_for(both_count, why="all count")
+        since_ns = witness.last["at_ns"]
+        storm(stage, kind, STORM_S, chance, history)
+        witness.wait_for(both_count, why="all count again")
+        until_ns = witness.last["at_ns"]
+        witness.wait_for(lambda w: w.last["at_ns"] > until_ns + CYCLE_NS, why="the last movements are judged")
+        results = {}
+        for person in PEOPLE:
+            judgements, verdicts = of(person, witness.judgements), of(person, witness.verdicts)
+            results[person] = aftermath(performed(person, since_ns, until_ns), judgements, verdicts)
+            words = [(v["id"], v["label"], v["stage"], v["began_ns"], v["ended_ns"]) for v in verdicts]
+            history.note("end", person=person, detail=vars(results[person]), verdicts=words)
+            print(f"two people, {kind}, seed {seed}, {person}: {results[person]}")
+        path, harmed = history.keep(), {name: vars(each) for name, each in results.items() if not each.harmless}
+        if harmed:
+            history.keep_more("messages.json", json.dumps(witness.messages))
+            history.keep_more("logs", "\n".join(process.log for process in stage.processes.values()))
         assert not harmed, f"{harmed}\n{path}\n{stage.logs()}"
 
 

@@ -26,7 +26,7 @@ def performed(person, from_ns, until_ns):
 
 
 class PeopleStage:
-    """A router, two fusion services, three observers and a witness; a context manager that ends them all.
+    """A router, two fusion services, a hub, three observers and a witness; a context manager that ends them all.
 
     secured: with certificates. lie: what the last observer does.
     """
@@ -42,6 +42,7 @@ class PeopleStage:
         self.processes = {"router": Process(labanmesh(*router), environment=self.environment("router"))}
         for name in SERVICES:
             self.processes[name] = self.service(name, self.file)
+        self.processes["hub"] = Process(labanmesh("watch", self.file, "--json"), environment=self.environment("hub"))
         for name in OBSERVERS:
             self.processes[name] = self.observer(name, self.file, *([lie] if lie and name == OBSERVERS[-1] else []))
 
@@ -81,10 +82,15 @@ class PeopleStage:
 
     def play(self):
         """Start all processes, the router first."""
-        self.processes["router"].start().wait_for("listening on")
-        for name, process in self.processes.items():
+        self.start("router")
+        self.processes["router"].wait_for("listening on")
+        for name in self.processes:
             if name != "router":
-                process.start()
+                self.start(name)
+
+    def start(self, name):
+        """Start one process."""
+        self.processes[name].start()
 
     def witness(self, file=None):
         """A started witness."""
