@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from common import SECOND_NS
 from common.floor_place import FloorPlace
 from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.posterior import ObservedScore, Repeated, Unscored
@@ -14,11 +15,12 @@ from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
 from observer.model.posterior_calibration import calibrated_posterior
-from observer.runtime.hurry import Hurry
 from observer.runtime.resampler import Resampler
 from observer.score.performance import PerformanceScorer
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
+HURRIED_S = 1.0
+"""An observer that left out a frame is in a hurry for so long: the next frames will take as long as those before."""
 TINY = 1e-300
 """Divisor for movements that have no probability."""
 
@@ -51,6 +53,34 @@ class Posterior:
     person: str | None = None
     place: FloorPlace | None = None
     others: "tuple[Posterior, ...]" = ()
+
+
+class Hurry:
+    """Decides for each frame whether the movement is judged with it; judged_s: interval for an observer in a hurry.
+
+    An observer in a hurry spends its time on following the body parts: a hand that is lost between two frames costs
+    more than a judgement that is some tenths of a second old. A frame that is not judged is not published either.
+    """
+
+    def __init__(self, judged_s: float) -> None:
+        self._judged_ns = round(judged_s * SECOND_NS)
+        self._last_judged_ns: int | None = None
+        self._last_skipped_ns: int | None = None
+
+    def judges(self, frame: Frame) -> bool:
+        """Whether to judge with this frame; the last one of a recording always is."""
+        if frame.skipped:
+            self._last_skipped_ns = frame.at_ns
+        hurried = _within(self._last_skipped_ns, frame.at_ns, HURRIED_S * SECOND_NS)
+        if hurried and not frame.last and _within(self._last_judged_ns, frame.at_ns, self._judged_ns):
+            return False
+        self._last_judged_ns = frame.at_ns
+        return True
+
+
+def _within(before_ns: int | None, now_ns: int, most_ns: float) -> bool:
+    """Whether it is less than this long ago; a clock that was set back starts anew."""
+    return before_ns is not None and 0 <= now_ns - before_ns < most_ns
 
 
 class Observer:

@@ -7,15 +7,27 @@
 Times are those of frames, in ns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from common.teaching_messages import SOMEONE, TEACHING_TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
+from common.teaching_messages import (
+    SHOWN_UNITS,
+    SOMEONE,
+    TEACHING_TEXT_LIMIT,
+    UNSEEN,
+    ShownTracks,
+    TakeReport,
+    TakeState,
+    TeachRequest,
+)
 from observer.recording.own_tracks import TracksRecorder, trimmed, watched_parts
 from observer.teaching.clap import ClapWatch
-from observer.teaching.shown_tracks import shown_tracks
 from observer.teaching.take_watch import StillnessStream, TakeWatch
 from observer.tracks import Tracks
 
@@ -29,6 +41,8 @@ NOW_S = 0.7
 """Seconds of the newest tracks that a teacher is shown."""
 NO_PICTURES = "no pictures"
 LOST = "no pictures any more: is the camera working?"
+SHOWN_FRAMES = 24
+"""With the 17 parts of a whole body that is 2.5 kB."""
 COMPANY_S = 3.0
 """A second person counts when seen for this long, because a tracker sometimes takes a coat for a person."""
 
@@ -221,6 +235,30 @@ class PeopleCount:
         """Take in one frame."""
         self.now, self._newest_ns = None if tracks.people is None else tracks.people.count, at_ns
         self._since_ns = None if (self.now or 0) < 2 else min(self._since_ns or at_ns, at_ns)
+
+
+def shown_tracks(centres: NDArray[np.floating[Any]], body_parts: Sequence[str], rate_hz: float) -> ShownTracks | None:
+    """Frames of `centres` (F, P, 2), in any unit, thinned to at most SHOWN_FRAMES; None if nothing is seen in them.
+
+    rate_hz: frames per second before they are thinned.
+    """
+    visible: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(centres), axis=2)
+    if not visible.any():
+        return None
+    chosen = np.unique(np.linspace(0, len(centres) - 1, min(len(centres), SHOWN_FRAMES)).round().astype(int))
+    left, top = np.nanmin(np.where(visible[..., None], centres, np.nan), axis=(0, 1))
+    right, bottom = np.nanmax(np.where(visible[..., None], centres, np.nan), axis=(0, 1))
+    size = max(float(right - left), float(bottom - top)) or 1.0
+    scaled = (centres[chosen] - (left, top)) / size * SHOWN_UNITS
+    points = np.where(visible[chosen][..., None], scaled, UNSEEN).round().astype(int)
+    return ShownTracks(
+        body_parts=list(body_parts),
+        points=points.ravel().tolist(),
+        seconds=len(centres) / rate_hz,
+        left=float(left),
+        top=float(top),
+        size=size,
+    )
 
 
 def fault_line(error: LabanmeshError) -> str:

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from observer.runtime.hurry import HURRIED_S, Hurry
+from observer.runtime.pipeline import HURRIED_S, Hurry
 from observer.tracks import Frame
 
 PERIOD_NS, JUDGED_S = SECOND_NS // 15, 0.2
