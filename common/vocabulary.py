@@ -2,9 +2,10 @@
 
 import hashlib
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from statistics import median
 
 from common.errors import BadInput
 from common.message_types import MovementTimes
@@ -81,3 +82,29 @@ def require_teachable(labels: Iterable[str]) -> None:
 def _digest(labels: tuple[str, ...]) -> str:
     # Every message is checked against it. Peers can send any number of vocabularies, so the cache is bounded.
     return hashlib.sha256("".join(f"{label}\n" for label in labels).encode()).hexdigest()[:16]
+
+
+def agreed_times(answers: Sequence[Vocabulary]) -> dict[str, MovementTimes]:
+    """The durations of each movement that one vocabulary, as several observers know it, is judged with.
+
+    Each is the median over those that know the movement. It is periodic if it is so for more than half of them.
+    """
+    known: dict[str, list[MovementTimes]] = {}
+    for answer in answers:
+        for label, times in answer.movements.items():
+            known.setdefault(label, []).append(times)
+    return {label: _median_times(times) for label, times in known.items()}
+
+
+def _median_times(known: Sequence[MovementTimes]) -> MovementTimes:
+    periods = [times.period_s for times in known if times.period_s is not None]
+    return MovementTimes(
+        shortest_s=_median(times.shortest_s for times in known),
+        rest_s=_median(times.rest_s for times in known),
+        period_s=_median(periods) if 2 * len(periods) > len(known) else None,
+    )
+
+
+def _median(values_s: Iterable[float | None]) -> float | None:
+    known_s = [value_s for value_s in values_s if value_s is not None]
+    return median(known_s) if known_s else None

@@ -1,8 +1,7 @@
 """What a fusion service asks of others: messages of other services, a handover, the vocabulary of the observers."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from statistics import median
+from collections.abc import Iterable, Iterator, Mapping
 
 from pydantic import ValidationError
 
@@ -12,7 +11,7 @@ from common.inbox import Arrival, Inbox, Presence
 from common.link import Link
 from common.message_types import MovementTimes
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
-from common.vocabulary import Vocabulary
+from common.vocabulary import Vocabulary, agreed_times
 from common.wire import BadMessage, check_vocabulary, decode_from, require_fits
 from common.zenoh_settings import MAX_MESSAGE_BYTES
 from fusion.checkpoint import Checkpoint
@@ -232,29 +231,3 @@ class VocabularyLookup:
     def close(self) -> None:
         """Stop asking."""
         self._session.close()
-
-
-def agreed_times(answers: Sequence[Vocabulary]) -> dict[str, MovementTimes]:
-    """The durations of each movement that one vocabulary, as several observers know it, is judged with.
-
-    Each is the median over those that know the movement. It is periodic if it is so for more than half of them.
-    """
-    known: dict[str, list[MovementTimes]] = {}
-    for answer in answers:
-        for label, times in answer.movements.items():
-            known.setdefault(label, []).append(times)
-    return {label: _median_times(times) for label, times in known.items()}
-
-
-def _median_times(known: Sequence[MovementTimes]) -> MovementTimes:
-    periods = [times.period_s for times in known if times.period_s is not None]
-    return MovementTimes(
-        shortest_s=_median(times.shortest_s for times in known),
-        rest_s=_median(times.rest_s for times in known),
-        period_s=_median(periods) if 2 * len(periods) > len(known) else None,
-    )
-
-
-def _median(values_s: Iterable[float | None]) -> float | None:
-    known_s = [value_s for value_s in values_s if value_s is not None]
-    return median(known_s) if known_s else None

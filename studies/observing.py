@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.parallel import run_parts
-from common.vocabulary import Vocabulary
+from common.vocabulary import Vocabulary, agreed_times
 from observer.geometry.views import View
 from observer.learning.learn import learn_view
 from observer.model.base import MovementModel, Onset
@@ -84,13 +84,14 @@ class FoldPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoldCourses:
-    """The output of one observer in one fold, with the seconds and frames that it took."""
+    """The output of one observer in one fold, with the seconds and frames that it took, and its vocabulary."""
 
     trials: Sequence[OutputCourse | None]
     streams: Sequence[OutputCourse]
     train_seconds: float
     judge_seconds: float
     frames: int
+    vocabulary: Vocabulary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,6 +111,12 @@ class ObservedFold:
     def stream_courses(self) -> list[tuple[Recording, list[OutputCourse]]]:
         """Each stream with the output of every observer."""
         return [(stream, [each.streams[n] for each in self.courses]) for n, stream in enumerate(self.streams)]
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The vocabulary with the durations that a fusion service judges by: the observers agree on them."""
+        known = [each.vocabulary for each in self.courses]
+        return replace(known[0], movements=agreed_times(known))
 
 
 def observe_folds(
@@ -182,7 +189,7 @@ def observe_part(part: FoldPart) -> FoldCourses:
     trials = [None if trial is None else _watch_trial(trial, part, model) for trial in part.trials]
     streams = [watch(Observer(_tracker(part, model), model, Onset()), stream) for stream in part.streams]
     frames = sum(len(course.p) for course in (*trials, *streams) if course is not None)
-    return FoldCourses(trials, streams, learned - begun, time.perf_counter() - learned, frames)
+    return FoldCourses(trials, streams, learned - begun, time.perf_counter() - learned, frames, model.header.vocabulary)
 
 
 def learn_observer(split: Split, view: View, vocabulary: Vocabulary, settings: EvaluationSettings) -> MovementModel:

@@ -47,8 +47,8 @@ def judge_observed(
     """Judge the streams that were observed."""
     config = fusion_of(settings)
     configs = [config, *(config.model_copy(update={"threshold": t}) for t in THRESHOLDS if settings.unlearned)]
-    parts = [part for fold in folds for part in fold.stream_courses]
-    judge = partial(_judged, vocabulary=Vocabulary(settings.labels), configs=configs)
+    parts = [(*part, fold.vocabulary) for fold in folds for part in fold.stream_courses]
+    judge = partial(_judged, configs=configs)
     results = run_parts(judge, parts, jobs, partial(progress, "judging streams"))
     other = [n >= len(fold.streams) - fold.other_motion for fold in folds for n in range(len(fold.streams))]
     chosen = [result for result, is_other in zip(results, other, strict=True) if not is_other]
@@ -61,10 +61,10 @@ def judge_observed(
 
 
 def _judged(
-    part: tuple[Recording, Sequence[OutputCourse]], vocabulary: Vocabulary, configs: Sequence[FusionConfig]
+    part: tuple[Recording, Sequence[OutputCourse], Vocabulary], configs: Sequence[FusionConfig]
 ) -> list[JudgedStream]:
     """One stream, judged by each fusion service."""
-    observed = observed_stream(*part, vocabulary)
+    observed = observed_stream(*part)
     return [judged_stream(observed, config) for config in configs]
 
 

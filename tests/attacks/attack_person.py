@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.vocabulary import Vocabulary
-from fusion.standby import agreed_times
+from common.vocabulary import Vocabulary, agreed_times
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset

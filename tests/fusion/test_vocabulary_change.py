@@ -6,9 +6,8 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import MovementTimes
 from common.messages import PosteriorMessage, VocabularyHash
-from common.vocabulary import Vocabulary
+from common.vocabulary import Vocabulary, agreed_times
 from fusion.engine.roster import Roster
-from fusion.standby import agreed_times
 
 NOW_NS = 1_000 * SECOND_NS
 

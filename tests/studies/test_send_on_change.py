@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from common.config_sections import FusionConfig
-from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
 from observer.runtime.pipeline import Posterior
@@ -49,8 +48,12 @@ def test_verdicts_are_the_same_within_a_step_with_less_sent(model, share):
         views, labels_of(archive)[:6], **people, model=model, onset_known=False, calibrated=False
     )
     (fold,) = observe_folds(archive, settings, Extent(trials=False, streams=True))
-    vocabulary = Vocabulary(settings.labels)
-    for stream in [observed_stream(*part, vocabulary) for part in fold.stream_courses]:
+    assert fold.vocabulary.labels == settings.labels
+    # The durations of movements, as a service has them.
+    assert model == "phase" or set(fold.vocabulary.movements) == set(settings.labels), (
+        "durations, as a service has them"
+    )
+    for stream in [observed_stream(*part, fold.vocabulary) for part in fold.stream_courses]:
         whole, all_count, _ = judged(stream, None)
         reduced, count, states = judged(stream, {name: SendOnChange(CONFIG.fresh_s / 2) for name in stream.messages[0]})
         assert count < share * all_count and states == {"counted"}
