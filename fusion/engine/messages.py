@@ -44,8 +44,8 @@ class Ballot:
     """The votes, the pooled posterior, and how many votes agree with its likeliest label.
 
     entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
-    contested: whether one of three or more observers votes for another label, or for something else. Of two it would
-    show nothing: the rule doubts neither (guarded_product.py, 1).
+    contested: whether one of three or more observers votes for another label. Of two it would show nothing: the rule
+    doubts neither (guarded_product.py, 1). One that finds something else likelier may see too little of the person.
     """
 
     votes: dict[str, Vote]
@@ -114,7 +114,7 @@ class JudgementBuilder:
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
         agreement = _agreement(labels.count(fused), len(labels))
-        contested = 2 < agreement.n > agreement.k and any(map(_contests, posteriors, p, votes.values(), repeat(fused)))
+        contested = 2 < agreement.n > agreement.k and any(map(_contests, posteriors, votes.values(), repeat(fused)))
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement, contested)
 
     def _entropies(self, rows: Floats) -> list[float]:
@@ -185,15 +185,9 @@ class JudgementBuilder:
         return top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
 
 
-def _contests(posterior: AgedPosterior, p: list[float], vote: Vote, fused: str) -> bool:
-    """Whether an observer that the others do not contradict votes for another label than `fused`, or finds something
-    else likelier than any."""
-    if posterior.reliability < CONTRADICTED:
-        return False
-    if vote.label is not None:
-        return vote.label != fused
-    unlearned = posterior.unlearned or 0.0
-    return vote.p is not None and unlearned > max(p) * (1.0 - unlearned) + LABEL_MARGIN
+def _contests(posterior: AgedPosterior, vote: Vote, fused: str) -> bool:
+    """Whether an observer that the others do not contradict votes for another label than `fused`."""
+    return vote.label not in (None, fused) and posterior.reliability >= CONTRADICTED
 
 
 @cache

@@ -42,7 +42,7 @@ class PooledState:
     agreeing: observers whose own label it is. observed: whether the posterior of any observer is pooled.
     newest_capture_ns: capture time of the newest of them; None: at_ns. complete: whether each observer of the roster
     has begun. repetitions: of the label so far, as observers count them; None: nobody counts. contested: whether an
-    observer votes for another label, or for something else.
+    observer votes for another label.
     """
 
     at_ns: int

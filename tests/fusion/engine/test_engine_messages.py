@@ -91,7 +91,7 @@ def test_facets_change_five_times_a_second_and_those_of_a_verdict_are_of_its_own
 
 @pytest.mark.parametrize(
     ("other", "unlearned", "steps"),
-    [("bow", 0.1, 4), ("punch", 0.1, 7), ("bow", 0.5, 7), (None, 0.1, 4)],
+    [("bow", 0.1, 4), ("punch", 0.1, 7), ("bow", 0.5, 4), (None, 0.1, 4)],
     ids=["agrees", "another label", "something else", "no opinion"],
 )
 def test_a_label_that_one_of_four_contests_is_decided_later(other, unlearned, steps):
