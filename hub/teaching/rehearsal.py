@@ -33,8 +33,9 @@ if TYPE_CHECKING:
 FOLDER = Path("labanmesh-rehearsal")
 LABELS = ("byebye", "maestro", "stretch")
 """Three movements of the performer that its cameras tell apart well."""
-LENGTHS = {"takes": 4, "background_s": 30.0, "alarm_s": 12.0, "countdown": 1}
-"""Of a lesson that a person watches to its end: two minutes for LABELS."""
+LENGTHS = {"takes": 4, "background_s": 45.0, "alarm_s": 12.0, "countdown": 1}
+"""Of a lesson that a person watches to its end: two and a half minutes for LABELS. Ordinary life is long enough for
+three of each kind."""
 MOVEMENTS, REHEARSAL_REST_S = 6, 4.0
 """Performed after the lesson, in half a minute, and the seconds from a verdict to the next: a movement goes on for 2 s
 after it, and rest tells where it ends."""

@@ -27,6 +27,7 @@ class LivePerformer:
         self._begin_s = self._end_s = self._due_s = float("-inf")
         self._asked: Score | None = None
         self._lives = False
+        self._left: list[Score] = []
 
     def act(self, score: Score, now_s: float) -> None:
         """Perform once, after a movement that goes on; ordinary life ends."""
@@ -34,7 +35,7 @@ class LivePerformer:
         self._due_s = now_s + float(self._rng.uniform(*REACTION_S))
 
     def live(self, now_s: float) -> None:
-        """Ordinary life from now on: step aside, reach for things, scratch the head."""
+        """Ordinary life from now on: step aside, scratch the head and so on, each once before one comes again."""
         self._asked, self._lives, self._due_s = None, True, now_s
 
     def rest(self) -> None:
@@ -54,7 +55,10 @@ class LivePerformer:
 
     def _next_score(self) -> Score | None:
         asked, self._asked = self._asked, None
-        return ORDINARY[self._rng.integers(len(ORDINARY))] if asked is None and self._lives else asked
+        if asked is not None or not self._lives:
+            return asked
+        self._left = self._left or [ORDINARY[n] for n in self._rng.permutation(len(ORDINARY))]
+        return self._left.pop()
 
     def _start(self, score: Score, now_s: float) -> None:
         if self._plan is not None:
