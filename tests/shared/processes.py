@@ -4,7 +4,7 @@ import os
 import sys
 import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 SOON_S = 120.0
@@ -28,8 +28,12 @@ def until(condition, description="the condition holds", timeout_s=SOON_S):
 
 def waited_s(*pids):
     """How long the threads of this process and others have waited for a processor so far; 0 where nobody tells."""
-    files = [file for pid in (os.getpid(), *pids) for file in Path(f"/proc/{pid}/task").glob("*/schedstat")]
-    return sum(int(file.read_text().split()[1]) for file in files) / 1e9
+    waited_ns = 0
+    for file in (file for pid in (os.getpid(), *pids) for file in Path(f"/proc/{pid}/task").glob("*/schedstat")):
+        # A thread may end while it is read.
+        with suppress(FileNotFoundError, ProcessLookupError):
+            waited_ns += int(file.read_text().split()[1])
+    return waited_ns / 1e9
 
 
 @contextmanager
