@@ -104,13 +104,7 @@ class SceneWorker:
         names = [*map(keys.posterior, scene.roster)] if service.polled else ()
         self._posteriors = self._session.newest(*names) if is_one else self._session.inbox(*names)
         self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
-        self._workers = {
-            person: PersonWorker(
-                scene, service, new_engine(vocabulary, person or None), status, files.files.get(person), self._session,
-                self.duty, self._is_reachable,
-            )
-            for person in ((ALONE,) if is_one else scene.people.ids)
-        }  # fmt: skip
+        self._workers = self._workers_of(service, new_engine, vocabulary, files)
         self._first = next(iter(self._workers.values()))
         self.people = None if is_one else ScenePeople(scene.people.ids)
         skew_s = self._first.engine.skew_s
@@ -123,6 +117,19 @@ class SceneWorker:
         self._session.answer(keys.verdict, self._last_verdicts)
         self._received_s, self._load = service.ticks(), LoadMeter("posteriors", WAY_OUT)
         self._first_ns: int | None = None
+
+    def _workers_of(
+        self, service: Service, new_engine: NewEngine, vocabulary: Vocabulary, files: CheckpointFiles
+    ) -> dict[str, PersonWorker]:
+        """The worker of each person by id, ALONE in a scene that judges one."""
+        scene = self._scene
+        return {
+            person: PersonWorker(
+                scene, service, new_engine(vocabulary, person or None), self._status, files.files.get(person),
+                self._session, self.duty, self._is_reachable,
+            )
+            for person in ((ALONE,) if scene.people.most == 1 else scene.people.ids)
+        }  # fmt: skip
 
     @property
     def complaint(self) -> str:
