@@ -16,7 +16,7 @@ QUARTERS = 4
 turning point are no error."""
 LEAST_DEGREES = 8.0
 """A tracker's noise of one angle, and what people hardly see."""
-TOLERANCE, OWN_TOLERANCE = 1.5, 2.5
+TOLERANCE, OWN_TOLERANCE = 1.5, 2.2
 """Times what the farthest reference is off, where they are of several people, and where they are of one: people vary
 more from day to day than within the few takes of one. On UI-PRMD nine of ten unchanged takes then have no remark."""
 

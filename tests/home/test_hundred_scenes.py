@@ -13,11 +13,12 @@ from processes import until
 
 from common.config import MeshConfig
 from common.link import Link
+from common.same_movement import LIMIT
 
 SCENES = 100
 PAUSE_S = 0.6
 GROWTH = 1.05
-"""Memory of the second half over that of the first, once the first tenth has filled the buffers."""
+"""Memory of the second half over that of the first, once LIMIT movements have filled what a hub remembers of a scene."""
 
 
 def memory_mb(pid):
@@ -51,7 +52,9 @@ def test_no_verdict_of_a_hundred_scenes_is_lost_and_memory_is_flat(tmp_path):
             )
             ids = [(r.name, event["id"]) for r in rooms for event in listener.events(f"labanmesh/{r.name}/{kind}")]
             assert len(ids) == len(wanted) and set(ids) == wanted
-    settled = memory[len(memory) // 10 :]
+    # Of each scene a hub remembers so many movements.
+    settled = memory[LIMIT:]
+    assert len(settled) > 10, f"{number} movements: a longer LABANMESH_LOAD_S is needed"
     first, second = (max(half) for half in (settled[: len(settled) // 2], settled[len(settled) // 2 :]))
     print(f"{number * SCENES} verdicts of {SCENES} scenes in {seconds:g} s; {first:.0f} MB, then {second:.0f} MB")
     assert second < first * GROWTH
