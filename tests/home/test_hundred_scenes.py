@@ -18,7 +18,7 @@ from common.same_movement import LIMIT
 SCENES = 100
 PAUSE_S = 0.6
 GROWTH = 1.05
-"""Memory of the second half over that of the first, once LIMIT movements have filled what a hub remembers of a scene."""
+"""Memory of the second half over that of the first, once a hub remembers LIMIT movements of each scene."""
 
 
 def memory_mb(pid):
