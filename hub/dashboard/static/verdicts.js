@@ -13,7 +13,9 @@ export function showLast(last, state) {
   put($("corrected"), last && last.revises !== null ? `corrected from ${words(last.revises)}` : "");
   put($("seen"), last ? seenBy(last) : "");
   put($("agreed"), last ? agreementWords(last, state) : "");
-  put($("undecided"), state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
+  // A judgement of a moment ago may come after the verdict on the same movement.
+  const undecided = state.why && !state.silent && last?.ended !== null;
+  put($("undecided"), undecided ? `no verdict yet: ${words(state.why)}` : "");
 }
 
 /* The list: a row for each verdict, and below it, on request, its reasons. */
