@@ -27,7 +27,7 @@ from common.errors import BadInput, LabanmeshError, reason_of
 from common.message_types import LAST_INTEGER
 from common.text import plural
 
-SUFFIX = ".mcap"
+CAPTURE_SUFFIX = ".mcap"
 PROFILE = "labanmesh"
 FORMAT = "1"
 """Version of the file without its messages, each of which carries its own."""
@@ -227,8 +227,8 @@ class _Stream(io.BufferedReader):
 
 
 def _create(path: Path) -> io.BufferedWriter:
-    if path.suffix != SUFFIX:
-        raise BadInput(f"{path}: a capture is an MCAP file; choose a name that ends in {SUFFIX}")
+    if path.suffix != CAPTURE_SUFFIX:
+        raise BadInput(f"{path}: a capture is an MCAP file; choose a name that ends in {CAPTURE_SUFFIX}")
     try:
         return path.open("xb")
     except FileExistsError:

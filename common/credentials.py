@@ -15,7 +15,7 @@ from common.errors import BadInput, reason_of
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, ROLE_URI
 
 OPTION = {"observer": "--observer {}", "fusion": "--fusion {}", "hub": "--hub", "router": "--router"}
-OTHERS = stat.S_IRWXG | stat.S_IRWXO
+OTHERS_MODE = stat.S_IRWXG | stat.S_IRWXO
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def check_credentials(folder: Path, now: datetime) -> MeshFault | None:
         if not os.access(path, os.R_OK):
             return MeshFault(f"{path}: this process may not read it", "make the user who runs labanmesh its owner")
     mode = stat.S_IMODE(key.stat().st_mode)
-    if os.name == "posix" and mode & OTHERS:
+    if os.name == "posix" and mode & OTHERS_MODE:
         return MeshFault(f"{key}: others can read it (mode {mode:04o})", f"chmod 600 {key}")
     try:
         return _mismatch(authority, certificate, key) or _validity_fault(certificate, now)

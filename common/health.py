@@ -20,7 +20,7 @@ from common.messages import ProcessRole
 if TYPE_CHECKING:
     from common.metrics import Metrics
 
-LISTEN = "metrics.listen"
+METRICS_LISTEN = "metrics.listen"
 STEPS: dict[ProcessRole, str] = {"observer": "frame", "fusion": "step", "hub": "look"}
 """The word for a step of the loop, by role."""
 STALLED_S = 30.0
@@ -104,7 +104,7 @@ def serve_health(listen: str, health: ProcessHealth, make: Callable[[], M]) -> I
     from common.health_server import bind
 
     metrics = make()
-    server = bind(Address.parse(listen, LISTEN), health, metrics)
+    server = bind(Address.parse(listen, METRICS_LISTEN), health, metrics)
     if server is None:
         yield None
         return

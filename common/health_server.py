@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from common.address import Address
 from common.errors import reason_of
-from common.health import LISTEN, HealthResult, ProcessHealth
+from common.health import METRICS_LISTEN, HealthResult, ProcessHealth
 
 if TYPE_CHECKING:
     from common.metrics import Metrics
@@ -34,7 +34,7 @@ def bind(address: Address, health: ProcessHealth, metrics: "Metrics") -> "Health
     except OSError as error:
         log.warning(
             "%s = '%s': %s; going on without metrics; set LABANMESH_METRICS_LISTEN=HOST:PORT for one process alone",
-            *(LISTEN, address, reason_of(error)),
+            *(METRICS_LISTEN, address, reason_of(error)),
         )
         return None
 
@@ -58,7 +58,7 @@ class HealthServer(ThreadingHTTPServer):
         try:
             return super().get_request()
         except OSError as error:
-            log.warning("%s = '%s': cannot accept a connection: %s", LISTEN, self.address, reason_of(error))
+            log.warning("%s = '%s': cannot accept a connection: %s", METRICS_LISTEN, self.address, reason_of(error))
             time.sleep(BACK_OFF_S)
             raise
 
@@ -87,7 +87,7 @@ class HealthServer(ThreadingHTTPServer):
 
     def handle_error(self, request: object, client_address: object) -> None:
         """Log a client that closed its connection early at debug level."""
-        log.debug("%s = '%s': a client closed its connection", LISTEN, self.address, exc_info=True)
+        log.debug("%s = '%s': a client closed its connection", METRICS_LISTEN, self.address, exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):

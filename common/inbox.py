@@ -8,7 +8,7 @@ from typing import Any
 
 from common.arrival import Arrival as Arrival
 
-LARGE = 2048
+LARGE_INBOX = 2048
 """Bytes of a payload from which it is counted; a queue of smaller ones is bounded by their number."""
 BYTES_LIMIT = 16 << 20
 """All large payloads that wait in a queue: less than floods of the largest messages would fill."""
@@ -20,7 +20,7 @@ SHARE = 4
 class Inbox:
     """A bounded queue that one loop empties; what is lost is counted in `dropped`.
 
-    Over `limit` messages the oldest are dropped. Payloads over LARGE may have `bytes_limit` bytes together, and a
+    Over `limit` messages the oldest are dropped. Payloads over LARGE_INBOX may have `bytes_limit` bytes together, and a
     quarter of it under one key; further ones are dropped until the next `take`.
     """
 
@@ -37,7 +37,7 @@ class Inbox:
     def put(self, key: str, payload: bytes) -> None:
         """Enqueue a message and return at once; called by the mesh's threads."""
         arrivals = self._arrivals
-        if len(payload) > LARGE and not self._has_room(key, len(payload)):
+        if len(payload) > LARGE_INBOX and not self._has_room(key, len(payload)):
             return
         if len(arrivals) == arrivals.maxlen:
             with self._lock:

@@ -17,10 +17,10 @@ from common.log_limit import LimitedHandler
 if TYPE_CHECKING:
     from common.messages import ProcessRole
 
-SUPERVISOR = "LABANMESH_SUPERVISOR"
+SUPERVISOR_VARIABLE = "LABANMESH_SUPERVISOR"
 SUPERVISOR_CHECK_S = 0.5
-FORMATS = ("text", "json")
-FIELDS = ("verdict", "label", "agree", "heard", "ended", "stage", "revises", "why")
+LOG_FORMATS = ("text", "json")
+LOG_FIELDS = ("verdict", "label", "agree", "heard", "ended", "stage", "revises", "why")
 """Optional fields of a JSON line: log.info(..., extra={"verdict": ...})."""
 
 
@@ -35,7 +35,7 @@ def log_to_stderr() -> None:
     handler = LimitedHandler(sys.stderr)
     handler.setFormatter(formatter(log_format))
     logging.basicConfig(handlers=[handler], level=level if level_known else logging.INFO)
-    if log_format not in FORMATS:
+    if log_format not in LOG_FORMATS:
         logging.getLogger("labanmesh").warning("LABANMESH_LOG_FORMAT = %r: unknown format; using text", log_format)
     if not level_known:
         logging.getLogger("labanmesh").warning("LABANMESH_LOG = %r: unknown level; using info", level)
@@ -49,7 +49,7 @@ def stop_on_signals() -> Iterator[threading.Event]:
     started (LABANMESH_SUPERVISOR is its process number) also stops when that process is gone, for example killed.
     """
     stop, received = threading.Event(), []
-    supervisor = os.environ.get(SUPERVISOR, "")
+    supervisor = os.environ.get(SUPERVISOR_VARIABLE, "")
     if supervisor == str(os.getppid()):
         threading.Thread(target=_watch_supervisor, args=(int(supervisor), stop), daemon=True, name="supervisor").start()
 
@@ -95,7 +95,7 @@ class JsonLines(logging.Formatter):
             "logger": record.name,
             "message": record.getMessage(),
             **self.identity,
-            **{name: getattr(record, name) for name in FIELDS if hasattr(record, name)},
+            **{name: getattr(record, name) for name in LOG_FIELDS if hasattr(record, name)},
         }
         if record.exc_info:
             fields["exception"] = self.formatException(record.exc_info)

@@ -36,7 +36,7 @@ ROUTER_TIMEOUT_S = 5.0
 """How long a client looks for its router before it fails; a supervisor then restarts it."""
 CLOSE_TIMEOUT_S = 3.0
 """A session that cannot close (a callback of ours never returns) is left to the end of the process."""
-NOTICE_AFTER_S, NOTICE_PROBE_S, LOOK_S = 0.7, 0.5, 0.1
+NOTICE_AFTER_S, NOTICE_PROBE_S, OPENING_LOOK_S = 0.7, 0.5, 0.1
 """A client that still looks for its router says so after the first; it examines the endpoint for the second, and looks
 for Ctrl-C that often."""
 CONNECTION_CHECK_S, LOST_CHECKS = 0.5, 4
@@ -201,7 +201,7 @@ def _client_session(
     threading.Thread(target=open_session, daemon=True, name="link-open").start()
     notice_s = time.monotonic() + NOTICE_AFTER_S
     while not opening.done():
-        wait([opening], LOOK_S)
+        wait([opening], OPENING_LOOK_S)
         if stop.is_set():
             raise KeyboardInterrupt
         if time.monotonic() > notice_s:

@@ -9,7 +9,7 @@ from collections import deque
 from common import SECOND_NS
 from common.message_types import OVERLOADED
 
-SECONDS = 4
+SECONDS_IN_A_ROW = 4
 """A process is behind, or keeps up again, when so many seconds in a row show it: a single stall is no fault."""
 BEHIND_SHARE, ENOUGH_SHARE = 0.7, 0.9
 """It is behind while it uses less than the first share of what arrives, until it uses more than the second."""
@@ -26,7 +26,7 @@ class LoadMeter:
 
     def __init__(self, items: str, way_out: str) -> None:
         self._items, self._way_out = items, way_out
-        self._seconds: deque[tuple[float, float]] = deque(maxlen=SECONDS)
+        self._seconds: deque[tuple[float, float]] = deque(maxlen=SECONDS_IN_A_ROW)
         self._begun_ns: int | None = None
         self._used = self._missed = 0
         self._stated_hz = 0.0
@@ -47,7 +47,7 @@ class LoadMeter:
     def _judge(self) -> None:
         shares = [used_hz / offered_hz if offered_hz else 1.0 for used_hz, offered_hz in self._seconds]
         used_hz, offered_hz = (sum(rates) / len(shares) for rates in zip(*self._seconds, strict=True))
-        if len(shares) < SECONDS:
+        if len(shares) < SECONDS_IN_A_ROW:
             return
         if self.complaint and min(shares) >= ENOUGH_SHARE:
             self.complaint = ""

@@ -18,7 +18,7 @@ from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 if TYPE_CHECKING:
     from common.config import MeshConfig
 
-TIMEOUT_S = 2.0
+ENDPOINT_TIMEOUT_S = 2.0
 ALERT_S = 0.5
 """How long a server may take to reject our certificate: a round trip, and a reserve for a slow server."""
 ADDRESS = re.compile(r"(?P<protocol>\w+)/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^/\[\]]+)):(?P<port>\d+)([#?].*)?\Z")
@@ -30,7 +30,7 @@ START = "start it with `labanmesh router --scene SCENE` or correct the address"
 CERTIFY = "make credentials for this machine with `labanmesh secure add SCENE NAME`, and name the folder"
 
 
-def endpoint_fault(mesh: "MeshConfig", now: datetime, timeout_s: float = TIMEOUT_S) -> MeshFault | None:
+def endpoint_fault(mesh: "MeshConfig", now: datetime, timeout_s: float = ENDPOINT_TIMEOUT_S) -> MeshFault | None:
     """Why this machine cannot connect to `mesh.endpoint`; None if nothing is wrong up to TLS.
 
     now: with its time zone. Each network operation waits at most `timeout_s`. For quic, udp and ws endpoints only the

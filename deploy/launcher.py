@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import IO
 
-from common.lifecycle import SUPERVISOR, as_json_line
+from common.lifecycle import SUPERVISOR_VARIABLE, as_json_line
 
 TERM_TIMEOUT_S = 5.0
 """How long a process may take to end after SIGTERM before it is killed."""
@@ -124,7 +124,12 @@ class Launcher:
     ) -> None:
         self._on_end = ended
         self._jobs = {job.name: job for job in jobs}
-        self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", SUPERVISOR: str(os.getpid()), **(environment or {})}
+        self._environment = {
+            **os.environ,
+            "PYTHONUNBUFFERED": "1",
+            SUPERVISOR_VARIABLE: str(os.getpid()),
+            **(environment or {}),
+        }
         self._histories = {job.name: RunHistory(job.lasting, policy or RestartPolicy()) for job in jobs}
         as_json = self._environment.get("LABANMESH_LOG_FORMAT", "").lower() == "json"
         self._log = MergedLog(stream or sys.stderr, [*self._jobs, OWN_NAME], as_json=as_json)

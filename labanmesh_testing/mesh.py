@@ -7,8 +7,8 @@ from typing import Any
 
 from common.config import MeshConfig
 from common.link import Link, MeshRole
+from common.zenoh_settings import LOOPBACK
 
-LOOPBACK = "tcp/127.0.0.1:0"
 SERVICE_END_S = 40.0
 """A service ends within milliseconds of its stop event; a machine that is busy with other tests needs longer."""
 

@@ -9,8 +9,9 @@ from pathlib import Path
 from common.config import read_scene
 from common.link import Link, MeshRole
 from common.vocabulary import Vocabulary
+from common.zenoh_settings import LOOPBACK
 from fusion.server import serve
-from labanmesh_testing.mesh import LOOPBACK, Mesh
+from labanmesh_testing.mesh import Mesh
 from labanmesh_testing.stub_observer import StubObserver
 from labanmesh_testing.verdict_listener import listening
 

@@ -16,7 +16,7 @@ import pytest
 from attack_history import SEED
 from processes import labanmesh, until
 
-from common.lifecycle import SUPERVISOR
+from common.lifecycle import SUPERVISOR_VARIABLE
 from labanmesh import main
 from observer.motion.archive_file import write_archive
 from studies.performer import perform
@@ -63,7 +63,7 @@ def started(folder, command):
     """A process group as a terminal starts it, whatever the shell that runs the tests ignores."""
     return subprocess.Popen(
         command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={name: value for name, value in os.environ.items() if name != SUPERVISOR}, start_new_session=True,
+        env={name: value for name, value in os.environ.items() if name != SUPERVISOR_VARIABLE}, start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
 
