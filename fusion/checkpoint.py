@@ -26,7 +26,7 @@ from fusion.engine.trust import Reliability
 
 log = logging.getLogger("labanmesh.fusion")
 NOTHING_LEARNED = Reliability()
-SUFFIX = ".memory.json"
+MEMORY_SUFFIX = ".memory.json"
 FILE_LIMIT = 64 * 1024
 """Bytes; a file that is longer is replaced by one with the whole checkpoint."""
 SELDOM_CHANGED = ("verdict", "reliability")
@@ -76,7 +76,7 @@ class CheckpointFile:
     service that wrote last was the owner last. "": there is one file.
     """
 
-    def __init__(self, path: Path, own: str = "", siblings: str = "", suffix: str = SUFFIX) -> None:
+    def __init__(self, path: Path, own: str = "", siblings: str = "", suffix: str = MEMORY_SUFFIX) -> None:
         # Services on one machine may share a file that the scene file names; each then replaces it.
         self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
         self._suffix = suffix
@@ -99,7 +99,7 @@ class CheckpointFile:
         of_person = f".{person}" if person else ""
         if memory is not None and not place.is_dir():
             return cls(place.with_name(place.name + of_person), own)
-        suffix = SUFFIX + of_person
+        suffix = MEMORY_SUFFIX + of_person
         return cls(place / f"{scene.scene}.{own}{suffix}", own, f"{scene.scene}.", suffix)
 
     def beside(self, suffix: str) -> Path:

@@ -24,16 +24,16 @@ from common.matching import best_matching
 from common.probability import Floats
 from fusion.person_motion import Motion
 
-GATE = 9.21
+PERSON_GATE = 9.21
 """Squared Mahalanobis distance within which a track may be a person's: the 99th percentile of chi² with two degrees of
 freedom (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 3.7)."""
-BODY_M = 0.2
+BODY_SPREAD_M = 0.2
 """Standard deviation of where two cameras see one person, beside what each states: half the width of a body."""
 AGREE_S = 0.5
 """Costs are averaged over so long: the errors of a camera's pictures last as long as a step of a person who walks."""
 KEEP = 3.0
 """Nats by which another matching must be better: odds of 20."""
-FRESH_S = 0.4
+TRACK_FRESH_S = 0.4
 """A track that has not been seen for so long is not compared."""
 BEGIN_S, GONE_S = 0.3, 2.0
 
@@ -56,7 +56,7 @@ class SeenTrack:
     def covariance(self) -> Floats:
         """(2, 2) with what cameras differ by."""
         xx, xz, zz = self.place.covariance
-        return np.array([[xx + BODY_M**2, xz], [xz, zz + BODY_M**2]])
+        return np.array([[xx + BODY_SPREAD_M**2, xz], [xz, zz + BODY_SPREAD_M**2]])
 
 
 @dataclass(slots=True)
@@ -124,12 +124,12 @@ class ScenePeople:
         own = self.present
         costs = [
             [
-                _cost(np.array(places[person]), np.eye(2) * BODY_M**2, *self._people[mine].expected(at_ns))
+                _cost(np.array(places[person]), np.eye(2) * BODY_SPREAD_M**2, *self._people[mine].expected(at_ns))
                 for mine in own
             ]
             for person in ids
         ]
-        renamed = {own[column]: ids[row] for row, column in best_matching(costs, GATE / 2)[1].items()}
+        renamed = {own[column]: ids[row] for row, column in best_matching(costs, PERSON_GATE / 2)[1].items()}
         if any(old != new for old, new in renamed.items()):
             free = [person for person in self.ids if person not in renamed.values()]
             renamed |= {mine: free.pop(0) for mine in own if mine not in renamed}
@@ -138,7 +138,7 @@ class ScenePeople:
                 track.person, track.costs = renamed.get(track.person or ""), {}
         for person in ids:
             if person not in self._people:
-                self._people[person] = Motion(np.array(places[person]), np.eye(2) * 4 * BODY_M**2, at_ns)
+                self._people[person] = Motion(np.array(places[person]), np.eye(2) * 4 * BODY_SPREAD_M**2, at_ns)
 
     def _match(self, observer: str, now_ns: int) -> None:
         """Decide whose the tracks of one observer are, and move those people."""
@@ -150,7 +150,7 @@ class ScenePeople:
                 _compare(track, others)
         # To leave the person that it has must be worth KEEP for a track.
         costs = [[t.costs.get(person, math.inf) - KEEP * (person == t.person) for person in people] for t in tracks]
-        total, matching = best_matching(costs, GATE / 2)
+        total, matching = best_matching(costs, PERSON_GATE / 2)
         for row, track in enumerate(tracks):
             person = people[matching[row]] if row in matching else None
             track.fits = person is not None
@@ -170,7 +170,7 @@ class ScenePeople:
         """
         confirmed = any(
             one.seen.observer != other.seen.observer
-            and _cost(one.seen.at, one.seen.covariance, other.seen.at, other.seen.covariance) < GATE / 2
+            and _cost(one.seen.at, one.seen.covariance, other.seen.at, other.seen.covariance) < PERSON_GATE / 2
             for one, other in itertools.combinations(due, 2)
         )
         observers = {
@@ -199,15 +199,15 @@ class ScenePeople:
         return at, covariance
 
     def _fresh(self, now_ns: int) -> Iterator[_Track]:
-        return (track for track in self._tracks.values() if now_ns - track.seen.at_ns <= FRESH_S * SECOND_NS)
+        return (track for track in self._tracks.values() if now_ns - track.seen.at_ns <= TRACK_FRESH_S * SECOND_NS)
 
     def _forget(self, now_ns: int) -> None:
         """Forget people and tracks that have not been seen for GONE_S, and all that is dated far ahead."""
         gone_ns = GONE_S * SECOND_NS
         for person in self.kept & self._people.keys():
-            if now_ns - self._people[person].seen_ns > FRESH_S * SECOND_NS:
+            if now_ns - self._people[person].seen_ns > TRACK_FRESH_S * SECOND_NS:
                 at, _ = self._people[person].expected(self._people[person].seen_ns)
-                self._people[person] = Motion(at, np.eye(2) * 4 * BODY_M**2, now_ns)
+                self._people[person] = Motion(at, np.eye(2) * 4 * BODY_SPREAD_M**2, now_ns)
         self._people = {p: m for p, m in self._people.items() if abs(now_ns - m.seen_ns) <= gone_ns}
         self._tracks = {key: t for key, t in self._tracks.items() if abs(now_ns - t.seen.at_ns) <= gone_ns}
         for track in self._tracks.values():
@@ -240,7 +240,7 @@ def _is_sure(track: _Track, costs: Sequence[Sequence[float]], row: int, column: 
         return True
     without = [list(each) for each in costs]
     without[row][column] = math.inf
-    return best_matching(without, GATE / 2)[0] - total >= KEEP
+    return best_matching(without, PERSON_GATE / 2)[0] - total >= KEEP
 
 
 def _compare(track: _Track, others: Mapping[str, tuple[Floats, Floats]]) -> None:
@@ -250,7 +250,7 @@ def _compare(track: _Track, others: Mapping[str, tuple[Floats, Floats]]) -> None
     costs = {}
     for person, (at, covariance) in others.items():
         # A track that is far away is no more wrong than one outside the gate, so that it can come back.
-        cost = min(_cost(seen.at, seen.covariance, at, covariance), GATE)
+        cost = min(_cost(seen.at, seen.covariance, at, covariance), PERSON_GATE)
         costs[person] = kept * track.costs.get(person, cost) + (1 - kept) * cost
     track.costs, track.compared_ns = costs, seen.at_ns
 

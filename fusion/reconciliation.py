@@ -3,8 +3,9 @@
 The design: fusion.md, "Several services". During a partition two services publish, each to its own listeners. When they
 receive each other again:
 
-1. The service that stands down sends its last judgement again, every REPEAT_S, because the owner may not have received
-   it yet. The owner continues its decided movement, under its id, if it has decided none itself (FusionEngine.adopt).
+1. The service that stands down sends its last judgement again, every ADOPTION_REPEAT_S, because the owner may not have
+   received it yet. The owner continues its decided movement, under its id, if it has decided none itself
+   (FusionEngine.adopt).
 2. If the owner's judgements show another decided movement, or have not shown this one for ADOPTION_TIMEOUT_S, the
    service that stood down publishes the end of its movement with `same_as`. So each id has an end, and a listener knows
    which two ids are one movement.
@@ -20,7 +21,7 @@ from common.messages import JudgementMessage, VerdictMessage
 from common.same_movement import LIMIT, SameMovement
 
 ADOPTION_TIMEOUT_S = 0.5
-REPEAT_S = 0.15
+ADOPTION_REPEAT_S = 0.15
 """So that the owner receives a lost judgement several times before ADOPTION_TIMEOUT_S."""
 
 
@@ -49,7 +50,7 @@ class UnreconciledMovement:
 
     def should_repeat(self, now_ns: int) -> bool:
         """Whether the last judgement is to be sent again now; to be sent whenever this returns True."""
-        if self.is_reconciled or self._owners_movement or now_ns - self._repeated_ns < REPEAT_S * SECOND_NS:
+        if self.is_reconciled or self._owners_movement or now_ns - self._repeated_ns < ADOPTION_REPEAT_S * SECOND_NS:
             return False
         self._repeated_ns = now_ns
         return True

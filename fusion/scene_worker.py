@@ -32,7 +32,7 @@ from fusion.publisher import Reachability
 from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
-WAY_OUT = "find out who sends so many (labanmesh doctor), or run fuse on a faster machine"
+OVERLOAD_WAY_OUT = "find out who sends so many (labanmesh doctor), or run fuse on a faster machine"
 RECEPTION_TIMEOUT_S = 0.3
 """A service that has received no posterior for so long is disconnected itself, rather than the owner silent."""
 TOGETHER_S = 3.0
@@ -115,7 +115,7 @@ class SceneWorker:
         self._session.answer(keys.vocabulary, lambda: self._vocabulary)
         self._session.answer(keys.judgement, self._last_judgements)
         self._session.answer(keys.verdict, self._last_verdicts)
-        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", WAY_OUT)
+        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", OVERLOAD_WAY_OUT)
         self._first_ns: int | None = None
 
     def _workers_of(

@@ -35,7 +35,7 @@ from fusion.service import Service
 log = logging.getLogger("labanmesh.fusion")
 FEW_SCENES = 8
 """Up to this many scenes each subscription has a thread of its own, which costs memory and saves milliseconds."""
-PAUSE_S = 0.008
+BATCH_PAUSE_S = 0.008
 """Between two rounds over many scenes; the scenes that are due in a round are pooled together."""
 BATCH = 32
 """Scenes that are pooled at once; more save little."""
@@ -107,7 +107,7 @@ class FusionServer:
         shared: bool,
         supervisor: Notifier,
         polled: bool | None = None,
-        pause_s: float = PAUSE_S,
+        pause_s: float = BATCH_PAUSE_S,
     ) -> None:
         """polled: whether posteriors wait until a scene is due; None: if there are more than FEW_SCENES."""
         self._polled = len(scenes) > FEW_SCENES if polled is None else polled

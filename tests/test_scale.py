@@ -65,7 +65,7 @@ def test_the_simulation_agrees_with_the_measurements(run):
 
 
 def test_the_simulated_loop_is_set_as_the_real_one():
-    real = server.PAUSE_S, server.BATCH, server.STATUS_EVERY_S
+    real = server.BATCH_PAUSE_S, server.BATCH, server.STATUS_EVERY_S
     assert real == (process.PAUSE_S, process.TOGETHER, process.STATUS_S)
 
 

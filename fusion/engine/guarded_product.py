@@ -47,12 +47,12 @@ import numpy as np
 from common.probability import SMALLEST, Floats
 from fusion.engine.trust import odds_of_fault
 from fusion.engine.weighing import (
+    CERTAIN_MASS,
     LEAST_LOG_SIZE,
     LOG_FLOOR,
     NATS_TO_BITS,
     PARTICIPATION_BITS,
     SIMILARITY_SCALE,
-    UNCERTAIN_MASS,
     ObserverTrust,
     PoolingWeights,
     RuleResult,
@@ -75,7 +75,7 @@ BETA = 2.0
 """The evidence for a hypothesis counts twice, because an honest observer is rarely both sure and contradicted."""
 MOST_PAIRED = 16
 """For more observers the matrices of pairs are large, and products of likelihoods may overflow."""
-SURE = 1.0 - 2.0 * UNCERTAIN_MASS
+BOTH_SURE = 1.0 - 2.0 * CERTAIN_MASS
 """Of two that are certain of one label together, each is surer of it than this."""
 ZERO, ONE, D0_SQUARED, TINY, EXPONENT = map(np.array, (0.0, 1.0, PARTICIPATION_BITS**2, SMALLEST, GAMMA - 1.0))
 """Arrays of no dimension: beside an array NumPy takes them in two thirds of the time of a Python number."""
@@ -202,11 +202,11 @@ def _discount_certainty(p: Floats, rho: Floats, fixed: "_Fixed") -> None:
     labels = p.argmax(1).tolist()
     if len(set(labels)) == len(labels):
         return
-    sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > SURE]
+    sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > BOTH_SURE]
     for count, (n, label, top) in enumerate(sure):
         for other, other_label, other_top in sure[:count]:
             if label == other_label:
-                rho[fixed.place[n, other]] *= min((2.0 - top - other_top) / (2.0 * UNCERTAIN_MASS), 1.0)
+                rho[fixed.place[n, other]] *= min((2.0 - top - other_top) / (2.0 * CERTAIN_MASS), 1.0)
 
 
 def _hypotheses(bits: Floats, z: Floats, trust: Floats) -> Floats:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from common import MS_NS
 from common.message_types import CONTRADICTED, VotedFacing, VotedRepeated, unchecked
 from common.messages import (
     SCHEMA_VERSION,
@@ -164,7 +165,7 @@ class JudgementBuilder:
 
     def verdict_id(self, began_ns: int) -> str:
         """The id of the movement that began then, in all messages about it."""
-        return f"{self._id_prefix}-{began_ns // 1_000_000}"
+        return f"{self._id_prefix}-{began_ns // MS_NS}"
 
     def ongoing(self, movement: MovementProgress | None) -> OngoingMovement | None:
         """The movement in progress as judgements carry it; built once, because it changes seldom."""

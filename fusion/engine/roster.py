@@ -47,7 +47,7 @@ from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
 from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
 from fusion.engine.trust import (
     HONEST,
-    LEAST,
+    LEAST_TRUST,
     LEAST_VOTES,
     after_decision,
     after_message,
@@ -175,7 +175,7 @@ class Roster:
         for n, posterior in enumerate(result) if resting else ():
             share = among_contradicted(resting.get(posterior.observer, 1.0))
             if share < 1.0:
-                result[n] = replace(posterior, reliability=max(posterior.reliability * share, LEAST))
+                result[n] = replace(posterior, reliability=max(posterior.reliability * share, LEAST_TRUST))
         return result
 
     def _usual(self, now_ns: int) -> float:

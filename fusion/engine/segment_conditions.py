@@ -9,7 +9,7 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import PAUSE_S
 from common.vocabulary import Vocabulary
-from fusion.engine.rest import CLEAR
+from fusion.engine.rest import CLEAR_MARGIN
 from fusion.engine.segment_table import Event, SegmentState
 from fusion.engine.segments import (
     ANY,
@@ -39,7 +39,7 @@ REVISED_S = 1.0
 OUTAGE_S, HIDING_S, ENDING_S = 1.0, MOVEMENT_S, 5.0
 """A shorter outage than the first hides no whole movement, nor the whole rest between two; one longer than the second
 can hide both; after one longer than the third the same label is another movement (rule 9)."""
-CLEAR_REST = 1.0 - CLEAR
+CLEAR_REST = 1.0 - CLEAR_MARGIN
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
 ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
 RESTING = (SegmentState.PAUSED, SegmentState.LOST, *ENDING)

@@ -73,38 +73,38 @@ class Transition:
     rule: int
 
 
-_UNDECIDED = (
+_WHILE_UNDECIDED = (
     Transition(Event.LONG_OUTAGE_AT_REST, SegmentState.IDLE, Effect.END, 9),
     Transition(Event.OUTAGE_AT_REST, SegmentState.LOST, Effect.REST, 9),
     Transition(Event.OUTAGE_IN_MOTION, SegmentState.MOVING, Effect.BEGIN, 9),
 )
 _OUTAGE = Transition(Event.OUTAGE, SegmentState.PASSED, Effect.MISS, 9)
 _DECIDED = (_OUTAGE, Transition(Event.RESTS, SegmentState.ENDING, Effect.REST, 4))
-_ENDING = (
+_WHILE_ENDING = (
     _OUTAGE,
     Transition(Event.RENAMED, SegmentState.SETTLED, Effect.REVISE, 6),
     Transition(Event.RESTED, SegmentState.IDLE, Effect.END, 4),
 )
-_RESTING = (
+_WHILE_RESTING = (
     Transition(Event.RESTED, SegmentState.IDLE, Effect.END, 5),
     Transition(Event.NAMED, SegmentState.SETTLED, Effect.DECIDE, 2),
 )
 TABLE: Mapping[SegmentState, tuple[Transition, ...]] = {
     SegmentState.IDLE: (Transition(Event.MOVES, SegmentState.MOVING, Effect.BEGIN, 1),),
     SegmentState.MOVING: (
-        *_UNDECIDED,
+        *_WHILE_UNDECIDED,
         Transition(Event.RESTS, SegmentState.PAUSED, Effect.REST, 5),
         Transition(Event.NAMED, SegmentState.UNSEEN, Effect.DECIDE, 2),
         Transition(Event.MISSED, SegmentState.IDLE, Effect.DROP, 5),
     ),
     SegmentState.PAUSED: (
-        *_UNDECIDED,
-        *_RESTING,
+        *_WHILE_UNDECIDED,
+        *_WHILE_RESTING,
         Transition(Event.MOVES_AGAIN, SegmentState.MOVING, Effect.NOTHING, 5),
     ),
     SegmentState.LOST: (
-        *_UNDECIDED,
-        *_RESTING,
+        *_WHILE_UNDECIDED,
+        *_WHILE_RESTING,
         Transition(Event.MOVES, SegmentState.MOVING, Effect.BEGIN, 9),
         Transition(Event.LEFT, SegmentState.IDLE, Effect.DROP, 9),
     ),
@@ -131,8 +131,8 @@ TABLE: Mapping[SegmentState, tuple[Transition, ...]] = {
         Transition(Event.PREMATURE, SegmentState.DECIDED, Effect.REVISE, 7),
         Transition(Event.MISSED, SegmentState.IDLE, Effect.END, 7),
     ),
-    SegmentState.ENDING: (*_ENDING, Transition(Event.MOVES_AGAIN, SegmentState.DECIDED, Effect.NOTHING, 4)),
-    SegmentState.SETTLED: (*_ENDING, Transition(Event.MOVES_AGAIN, SegmentState.UNSEEN, Effect.NOTHING, 4)),
+    SegmentState.ENDING: (*_WHILE_ENDING, Transition(Event.MOVES_AGAIN, SegmentState.DECIDED, Effect.NOTHING, 4)),
+    SegmentState.SETTLED: (*_WHILE_ENDING, Transition(Event.MOVES_AGAIN, SegmentState.UNSEEN, Effect.NOTHING, 4)),
 }
 """Of each state the events in the order in which they are looked for; a step takes transitions until none is due, each
 event once, or until the person is IDLE."""

@@ -65,7 +65,7 @@ LEAST_VOTES = 3
 """Of two that differ either may be right."""
 TRUSTED = 0.9
 """Trust of this or more is full trust: honest observers differ by so much."""
-LEAST = 0.001
+LEAST_TRUST = 0.001
 """The least trust; votes have three digits of it."""
 HONEST = 1.0 - FAULT
 AGREES = math.log(2.0 - BLUR)
@@ -162,7 +162,7 @@ def published_trust(honest: float, steady: float, usual: float) -> float:
     """
     behind = max(min(usual, HONEST) - steady, 0.0)
     trust = min(honest / HONEST, 1.0) * (1.0 - behind / HONEST)
-    return 1.0 if trust >= TRUSTED else max(round(trust, 3), LEAST)
+    return 1.0 if trust >= TRUSTED else max(round(trust, 3), LEAST_TRUST)
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ from fusion.engine.segments import (
 )
 from fusion.score_pool import JudgedScore, pooled_remarks, pooled_score
 
-SMALLEST = 1e-12
+LEAST_ODDS_P = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""
 NO_OBSERVERS = "waiting for observers"
 CONTESTED_REST = "two observers contradict each other on whether the person rests"
@@ -142,7 +142,7 @@ def _log_odds(answers: Floats, answer: int) -> float:
     """Nats, of an answer against the likeliest other one."""
     others = answers.tolist()
     own = others.pop(answer)
-    return math.log(max(own, SMALLEST)) - math.log(max(*others, SMALLEST))
+    return math.log(max(own, LEAST_ODDS_P)) - math.log(max(*others, LEAST_ODDS_P))
 
 
 def explain_undecided(

@@ -16,7 +16,7 @@ PARTICIPATION_BITS = 0.05
 """An observer participates fully from this divergence from the prior, below it in proportion."""
 SIMILARITY_SCALE = 0.05
 """Log distance at which rho of two posteriors falls to 1/e."""
-UNCERTAIN_MASS = 0.03
+CERTAIN_MASS = 0.03
 """Two observers are certain if their mean posterior leaves less than this to all labels but one."""
 LOG_FLOOR = 0.01
 """Share of the prior that is mixed into posteriors before their logs are compared, so that zeros stay finite."""
@@ -126,7 +126,7 @@ def uncertainty(p: Floats) -> Floats:
     It multiplies `similarity`: to be certain of the same label shows no correlation.
     """
     top = np.maximum.reduce(p[..., :, None, :] + p[..., None, :, :], axis=-1)
-    result: Floats = np.minimum((1.0 - top / 2) / UNCERTAIN_MASS, 1.0)
+    result: Floats = np.minimum((1.0 - top / 2) / CERTAIN_MASS, 1.0)
     return result
 
 

@@ -15,7 +15,7 @@ from fusion.engine.trust import (
     BLUR,
     FAULT,
     HONEST,
-    LEAST,
+    LEAST_TRUST,
     MEMORY,
     Reliability,
     after_message,
@@ -156,7 +156,7 @@ def test_after_any_verdicts_reliability_and_correlations_are_in_range_and_symmet
     for n, (label, posteriors) in enumerate(verdicts):
         reliability = learn_from_verdict(reliability, verdict(posteriors, label, n), VOCABULARY)
         for name in "abcd":
-            assert LEAST <= trust(reliability, name) <= 1
+            assert LEAST_TRUST <= trust(reliability, name) <= 1
             for other, rho in reliability.correlations(name).items():
                 assert other != name and 0 < rho <= 1 and reliability.correlations(other)[name] == rho
 
@@ -195,7 +195,9 @@ def test_an_observer_that_jumps_about_is_not_steady_and_one_that_follows_its_evi
 
 def test_what_most_observers_do_is_no_fault():
     assert published_trust(HONEST, 0.01, 0.02) == 1.0 and published_trust(HONEST, 0.01, HONEST) < 0.02
-    assert published_trust(HONEST, 0.5, HONEST) == round(0.5 / HONEST, 3) and published_trust(0.0, 0.0, 1.0) == LEAST
+    assert (
+        published_trust(HONEST, 0.5, HONEST) == round(0.5 / HONEST, 3) and published_trust(0.0, 0.0, 1.0) == LEAST_TRUST
+    )
 
 
 def test_overlap_by_the_formula():
@@ -218,7 +220,7 @@ def test_the_information_of_a_posterior(p, unlearned, information):
     st.lists(st.sampled_from([(1, 0, 0, 0), (0, 1, 0, 0), (0.25,) * 4, sure("kick")]), max_size=30), st.floats(-1, 1)
 )
 def test_trust_in_a_course_is_above_zero_and_at_most_one(posteriors, seconds):
-    assert LEAST <= trust_in_course(posteriors, seconds) <= 1
+    assert LEAST_TRUST <= trust_in_course(posteriors, seconds) <= 1
 
 
 # The filter
