@@ -9,7 +9,7 @@ from common.errors import LabanmeshError
 
 BUSY_S = 5.0
 """So long a writer waits for another one."""
-FAULTS = {
+SQLITE_FAULTS = {
     sqlite3.SQLITE_BUSY: "locked by another program; end it, or wait",
     sqlite3.SQLITE_LOCKED: "locked by another program; end it, or wait",
     sqlite3.SQLITE_FULL: "the disk is full; make room",
@@ -38,7 +38,7 @@ def faults_of(path: Path) -> Iterator[None]:
     except sqlite3.Error as error:
         # The lower byte is the kind, the others say more about it.
         code = getattr(error, "sqlite_errorcode", 0) & 0xFF
-        raise DatabaseFault(f"{path}: {FAULTS.get(code, str(error))}", is_damaged=code in DAMAGED) from None
+        raise DatabaseFault(f"{path}: {SQLITE_FAULTS.get(code, str(error))}", is_damaged=code in DAMAGED) from None
 
 
 def opened(path: Path, version: int, schema: Sequence[str], *, busy_s: float = BUSY_S) -> sqlite3.Connection:

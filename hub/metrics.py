@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 from common import SECOND_NS
 from common.messages import StatusMessage
 from common.metrics import Metrics
-from hub.scene_state import KINDS, SceneMessage, SceneState
+from hub.scene_state import MESSAGE_KINDS, SceneMessage, SceneState
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
-KIND_OF = {message_type: kind for kind, message_type in KINDS.items()}
+KIND_OF = {message_type: kind for kind, message_type in MESSAGE_KINDS.items()}
 
 
 class HubMetrics(Metrics):

@@ -32,7 +32,7 @@ REORDERED_NS = SECOND_NS
 
 SenderRole = Literal["observer", "fusion"]
 SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage | FallMessage
-KINDS: Mapping[str, type[SceneMessage]] = {
+MESSAGE_KINDS: Mapping[str, type[SceneMessage]] = {
     "judgement": JudgementMessage,
     "verdict": VerdictMessage,
     "status": StatusMessage,

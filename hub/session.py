@@ -15,7 +15,7 @@ from common.keys import SceneKeys, observer_of
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.same_movement import SameMovement
 from common.wire import BadMessage, check_vocabulary, decode_from
-from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole
+from hub.scene_state import MESSAGE_KINDS, SceneMessage, SceneState, SenderRole
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -96,7 +96,7 @@ def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | 
     The key identifies the sender. Raises BadMessage for unusable bytes, and for another scene or sender inside.
     """
     parts = key.removeprefix(f"{keys.root}/").split("/")
-    kind = KINDS.get(parts[-1])
+    kind = MESSAGE_KINDS.get(parts[-1])
     if kind is None or len(parts) != (3 if kind is StatusMessage else 1):
         return None
     message: SceneMessage = decode_from(key, kind, payload)

@@ -19,11 +19,12 @@ from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
 from common import SECOND_NS
 from common.errors import BadInput
 from common.teaching_messages import TeachReply
-from hub.teaching.beginning import LOOK_S, Still
+from hub.teaching.beginning import Still
+from hub.teaching.interface import LOOK_S
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
-from observer.motion.importers.florence3d import RATE_HZ as FILM_HZ
+from observer.motion.importers.florence3d import FLORENCE_HZ as FILM_HZ
 from observer.motion.importers.florence3d import import_folder as import_florence3d
 from observer.motion.importers.msr_action3d import import_folder as import_msr
 from observer.motion.projected import view_tracks

@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 log = logging.getLogger("labanmesh.hub")
 LISTEN_KEY = "hub.dashboard.listen"
 TOKEN_MIN_LENGTH = 16
-OWN_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
 COOKIE_PURPOSE, TEACH_PURPOSE = b"labanmesh dashboard 1", b"labanmesh teach 1"
 COOKIE = "labanmesh_dashboard"
 COOKIE_S = 30 * 24 * 3600
 WRONG_TOKEN_S = 1.0
-HEADERS = {
+DASHBOARD_HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
     "x-content-type-options": "nosniff",
@@ -50,9 +50,9 @@ HEADERS = {
     "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-cache",
 }
-MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-SCRIPTS = ("/elements.js", "/words.js", "/figures.js", "/teach.js", "/lesson.js")
-OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter", "/teach", "/teach.css", "/lesson.css", *SCRIPTS})
+DASHBOARD_MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+OPEN_SCRIPTS = ("/elements.js", "/words.js", "/figures.js", "/teach.js", "/lesson.js")
+OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter", "/teach", "/teach.css", "/lesson.css", *OPEN_SCRIPTS})
 """What the token form needs, and the Teach page, which shows nothing without the token."""
 TEACH_PATHS = "/teach/"
 """The requests of the Teach page, which have a check of their own (teach_routes.py)."""
@@ -144,7 +144,7 @@ class AccessControl:
     def answers_to(self, host: str) -> bool:
         """Whether a request with this Host header is answered (rule 2)."""
         name = host[1 : host.find("]")] if host.startswith("[") else host.rpartition(":")[0] or host
-        return self._token is not None or name.lower() in OWN_NAMES
+        return self._token is not None or name.lower() in LOOPBACK_NAMES
 
 
 def _made_of(token: bytes | None, purpose: bytes) -> str:
@@ -157,7 +157,7 @@ def _bearer(authorization: str) -> str:
 
 
 class AccessMiddleware:
-    """Wraps the application: stops requests that may not read, and adds HEADERS to every answer."""
+    """Wraps the application: stops requests that may not read, and adds DASHBOARD_HEADERS to every answer."""
 
     def __init__(self, app: "ASGIApp", access: AccessControl) -> None:
         self._app, self._access = app, access
@@ -167,11 +167,13 @@ class AccessMiddleware:
 
         async def send_with_headers(message: "Message") -> None:
             if message["type"] == "http.response.start":
-                ours = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                ours = [(name.encode(), value.encode()) for name, value in DASHBOARD_HEADERS.items()]
                 stored = (b"cache-control", NO_STORE.encode())
                 if stored in message["headers"]:
                     ours = [stored, *(pair for pair in ours if pair[0] != stored[0])]
-                theirs = [pair for pair in message["headers"] if pair[0].lower().decode("latin-1") not in HEADERS]
+                theirs = [
+                    pair for pair in message["headers"] if pair[0].lower().decode("latin-1") not in DASHBOARD_HEADERS
+                ]
                 message = {**message, "headers": [*theirs, *ours]}
             await send(message)
 
@@ -231,7 +233,7 @@ async def body_of(request: Request, limit: int) -> bytes:
 
 def static_page(path: str, name: str, content: bytes | None = None) -> Route:
     """A route for a static file, or for `content` made of it."""
-    body, media_type = content or static_file(name), MEDIA_TYPES[name.rpartition(".")[2]]
+    body, media_type = content or static_file(name), DASHBOARD_MEDIA_TYPES[name.rpartition(".")[2]]
 
     async def answer(request: Request) -> Response:
         return Response(body, media_type=media_type)

@@ -117,14 +117,14 @@ def _serve(run: DashboardRun) -> None:
 def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
     from hub.dashboard.access import is_loopback
-    from hub.dashboard.serving import NO_RIGHT
+    from hub.dashboard.serving import NO_TEACH_RIGHT
     from hub.lan import lan_address
     from hub.rights import has_right
 
     if not run.access.teaches:
         return
     if not has_right(run.scene, "teach"):
-        yield NO_RIGHT
+        yield NO_TEACH_RIGHT
         return
     made = f"#{run.access.made_token}" if run.access.made_token else ""
     host = lan_address() if own.host in ANY_HOST else own.host

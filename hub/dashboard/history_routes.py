@@ -9,22 +9,25 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from common import MS_NS
 from common.clip_name import clip_parts, safe_word
 from hub.dashboard.access import NO_STORE, static_page
 from hub.database import DatabaseFault
 from hub.history.history_file import HistoryFile, HistoryQuery
-from hub.history.records import KINDS, NS_PER_MS, PAGE_FIELDS
+from hub.history.records import PAGE_FIELDS, ROW_KINDS
 
 if TYPE_CHECKING:
     from common.config import Scene
 
-FILES = {"/day": "day.html", "/day.js": "day.js"}
-LAST_MS = 2**53
+DAY_FILES = {"/day": "day.html", "/day.js": "day.js"}
+LAST_EXACT_MS = 2**53
 """Numbers of JavaScript are whole up to here."""
-MOST_ROWS = 20_000
+PAGE_MOST_ROWS = 20_000
 MINUTE_MS = 60_000
-OFF = 'This scene keeps no history: set file = "history.db" in the section [history] of the scene file.\n'
-NO_RIGHT = "This dashboard's certificate has no right to the history: labanmesh secure add ... --hub --history.\n"
+NO_HISTORY_HERE = 'This scene keeps no history: set file = "history.db" in the section [history] of the scene file.\n'
+NO_HISTORY_RIGHT = (
+    "This dashboard's certificate has no right to the history: labanmesh secure add ... --hub --history.\n"
+)
 
 
 def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, shows_clips: bool = True) -> list[Route]:
@@ -34,7 +37,7 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
     """
     if scene is None:
         return []
-    off = (404, OFF) if not scene.history.file else (403, NO_RIGHT) if not allowed else None
+    off = (404, NO_HISTORY_HERE) if not scene.history.file else (403, NO_HISTORY_RIGHT) if not allowed else None
 
     def data(request: Request) -> Response:
         headers = {"cache-control": NO_STORE}
@@ -63,7 +66,7 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
         path = _clip_path(scene, *wanted) if shows_clips and off is None else None
         return _clip_response(path)
 
-    pages = [static_page(path, name) for path, name in FILES.items()]
+    pages = [static_page(path, name) for path, name in DAY_FILES.items()]
     return [*pages, Route("/history/data", data), Route("/history/clip/{observer}/{verdict}", clip)]
 
 
@@ -110,16 +113,16 @@ def _clips(scene: "Scene") -> Iterator[tuple[str, str, Path]]:
 def _query(given: Mapping[str, str]) -> HistoryQuery:
     """The query of a request; raises ValueError, one line."""
     kind = given.get("kind", "")
-    if kind and kind not in KINDS:
-        raise ValueError(f"kind = {kind[:40]!r}: {' or '.join(KINDS)} is expected")
-    begin, end = _whole(given, "from", LAST_MS), _whole(given, "until", LAST_MS)
-    limit = _whole(given, "limit", MOST_ROWS)
+    if kind and kind not in ROW_KINDS:
+        raise ValueError(f"kind = {kind[:40]!r}: {' or '.join(ROW_KINDS)} is expected")
+    begin, end = _whole(given, "from", LAST_EXACT_MS), _whole(given, "until", LAST_EXACT_MS)
+    limit = _whole(given, "limit", PAGE_MOST_ROWS)
     return HistoryQuery(
         kind,
         given.get("label", "")[:64],
-        None if begin is None else begin * NS_PER_MS,
-        None if end is None else end * NS_PER_MS,
-        MOST_ROWS if limit is None else limit,
+        None if begin is None else begin * MS_NS,
+        None if end is None else end * MS_NS,
+        PAGE_MOST_ROWS if limit is None else limit,
     )
 
 
@@ -127,6 +130,6 @@ def _whole(given: Mapping[str, str], name: str, most: int) -> int | None:
     text = given.get(name)
     if text is None:
         return None
-    if not text.isascii() or not text.isdecimal() or int(text[:20]) > min(most, LAST_MS):
+    if not text.isascii() or not text.isdecimal() or int(text[:20]) > min(most, LAST_EXACT_MS):
         raise ValueError(f"{name} = {text[:40]!r}: a whole number from 0 to {most} is expected")
     return int(text)

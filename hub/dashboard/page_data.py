@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from common import MS_NS
 from common.messages import JudgementMessage, OngoingMovement, StatusMessage, VerdictMessage, Vote
 from hub.dashboard.placement import FloorPosition
 from hub.dashboard.verdict_reasons import REASON_NAMES_LIMIT, reasons
@@ -26,7 +27,6 @@ CROWD = 12
 PAGE_TEXT_LIMIT = 80
 SENTENCE_LIMIT = 400
 COUNT_LIMIT = 999_999
-NS_PER_MS = 1_000_000
 
 Json = dict[str, Any]
 
@@ -59,7 +59,7 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         "scene": setup.scene,
         "quorum": setup.quorum,
         "span": setup.span_s,
-        "began": setup.began_ns // NS_PER_MS,
+        "began": setup.began_ns // MS_NS,
         "pictures": dict(setup.pictures),
         "teaches": setup.teaches,
         "file": setup.file,
@@ -82,7 +82,7 @@ def state_data(history: "SceneHistory") -> Json:
     judgement, observers = state.judgement, state.observers
     shown = LABELS_SHOWN if len(observers) <= CROWD else 1
     return {
-        "now": history.now_ns // NS_PER_MS,
+        "now": history.now_ns // MS_NS,
         "judged": judgement is not None,
         "waiting": state.waiting,
         "silent": state.silent,
@@ -107,7 +107,7 @@ def state_data(history: "SceneHistory") -> Json:
         if (fall := state.fall) is None
         else {
             "stage": fall.stage,
-            "since": fall.since_ns // NS_PER_MS,
+            "since": fall.since_ns // MS_NS,
             "agreement": [fall.agreement.k, fall.agreement.n],
             **({} if fall.person is None else {"person": _text(fall.person)}),
         },
@@ -128,11 +128,11 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         "stage": verdict.stage,
         "revises": None if verdict.revises is None else _text(verdict.revises),
         "abstain": is_abstention(verdict),
-        "began": verdict.began_ns // NS_PER_MS,
-        "decided": verdict.decided_ns // NS_PER_MS,
+        "began": verdict.began_ns // MS_NS,
+        "decided": verdict.decided_ns // MS_NS,
         "count": _count(verdict, verdict),
         "score": rounded(verdict.score, 1),
-        "ended": None if verdict.ended_ns is None else verdict.ended_ns // NS_PER_MS,
+        "ended": None if verdict.ended_ns is None else verdict.ended_ns // MS_NS,
         "entropy": rounded(verdict.certainty_bits, 3),
         "agreement": [verdict.agreement.k, verdict.agreement.n],
         "rule": _text(verdict.rule),
@@ -222,7 +222,7 @@ def _stance(verdict: VerdictMessage, vote: Vote) -> str:
 
 
 def _point(point: "MinutePoint") -> list[object]:
-    return [point.at_ns // NS_PER_MS, _text(point.label), round(point.p, 3), round(point.entropy, 3)]
+    return [point.at_ns // MS_NS, _text(point.label), round(point.p, 3), round(point.entropy, 3)]
 
 
 def _ranked(ranked: Iterable[RankedLabel]) -> list[list[object]]:

@@ -22,7 +22,7 @@ from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
 from hub.dashboard.phone_routes import phone_routes
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
-from hub.dashboard.teach_routes import OFF, TeachPage
+from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
 from hub.rights import has_right
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 SERVER_CHECK_S = 0.1
 SHUTDOWN_S = 2
 """How long the end waits for browsers that do not disconnect."""
-NO_RIGHT = (
+NO_TEACH_RIGHT = (
     "This dashboard's certificate has no right to teach. Where the certificates are made: "
     "labanmesh secure add SCENE NAME --hub --teach; then copy the new folder here."
 )
@@ -144,7 +144,10 @@ def _teach_page(
 ) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
     """The Teach page, and what must be called with every update."""
     if not access.teaches or not has_right(scene, "teach"):
-        yield TeachPage(access, off=NO_RIGHT if access.teaches else OFF.replace("SCENE", file)), lambda update: None
+        yield (
+            TeachPage(access, off=NO_TEACH_RIGHT if access.teaches else TEACHING_IS_OFF.replace("SCENE", file)),
+            lambda update: None,
+        )
         return
     hubs = link.presence(scene.keys.hub_alive("mqtt"))
     lesson_server = LessonServer(scene, link)

@@ -53,12 +53,12 @@ if TYPE_CHECKING:
     from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
-FILES = {f"/{name}": name for name in ("teach.js", "lesson.js", "figures.js", "teach.css", "lesson.css")}
+TEACH_FILES = {f"/{name}": name for name in ("teach.js", "lesson.js", "figures.js", "teach.css", "lesson.css")}
 BODY_LIMIT = 8192
 LONG_POLL_S = 10.0
 """So long a request for the state waits for something new."""
 LESSON_CHECK_S = 0.05
-OFF = "Teaching is off on this page. Start it with: labanmesh dashboard SCENE --teach"
+TEACHING_IS_OFF = "Teaching is off on this page. Start it with: labanmesh dashboard SCENE --teach"
 Handle = Callable[[Request], Awaitable[Response]]
 
 
@@ -72,7 +72,7 @@ class TeachPage:
         self,
         access: AccessControl,
         lesson_server: LessonServer | None = None,
-        off: str = OFF,
+        off: str = TEACHING_IS_OFF,
         scene: "Scene | None" = None,
         hubs: "Callable[[], Collection[str]]" = tuple,
         file: str = "",
@@ -84,7 +84,7 @@ class TeachPage:
     def routes(self) -> list[Route]:
         """All routes; without a lesson server only the page, which says why."""
         html = static_file("teach.html").decode()
-        routes = [static_page(path, name) for path, name in FILES.items()]
+        routes = [static_page(path, name) for path, name in TEACH_FILES.items()]
         off = "" if self._lesson_server is not None else self._off.replace("&", "&amp;").replace("<", "&lt;")
         routes.append(static_page("/teach", "teach.html", html.replace("<!--off-->", off).encode()))
         if self._lesson_server is None:

@@ -14,16 +14,16 @@ from common import SECOND_NS
 from common.config import Scene, read_scene
 from common.errors import BadInput
 from common.text import nearest
-from hub.history.records import KINDS
+from hub.history.records import ROW_KINDS
 
 if TYPE_CHECKING:
     from hub.history.records import HistoryRow
 
-COLUMNS = (
+CSV_COLUMNS = (
     "kind", "began", "ended", "seconds", "label", "stage", "p", "agree", "of", "revises", "corrected", "repetitions",
     "score", "why", "id",
 )  # fmt: skip
-OFF = 'keeps no history; in the scene file: [history] with file = "history.db", and labanmesh hub events SCENE'
+NO_HISTORY = 'keeps no history; in the scene file: [history] with file = "history.db", and labanmesh hub events SCENE'
 
 
 def history(
@@ -45,8 +45,8 @@ def history(
     """
     from hub.history.history_file import HistoryFile, HistoryQuery
 
-    if kind and kind not in KINDS:
-        raise BadInput(f"--kind {kind[:40]!r}: {' or '.join(KINDS)} is expected")
+    if kind and kind not in ROW_KINDS:
+        raise BadInput(f"--kind {kind[:40]!r}: {' or '.join(ROW_KINDS)} is expected")
     config = read_scene(scene)
     from_ns, until_ns = _span(day, since, until)
     with HistoryFile.to_read(history_path(config)) as file:
@@ -55,7 +55,7 @@ def history(
             print(f"nothing of {label[:64]}: {nearest(label, known)}", file=sys.stderr)
     ordered = list(reversed(rows))
     if as_csv:
-        writer = csv.DictWriter(sys.stdout, COLUMNS, extrasaction="ignore", lineterminator="\n")
+        writer = csv.DictWriter(sys.stdout, CSV_COLUMNS, extrasaction="ignore", lineterminator="\n")
         writer.writeheader()
         writer.writerows(row.as_json() for row in ordered)
     elif as_json:
@@ -68,7 +68,7 @@ def history(
 def history_path(scene: Scene) -> Path:
     """The file of the scene's history; raises BadInput if it keeps none."""
     if not scene.history.file:
-        raise BadInput(f"scene {scene.scene}: {OFF}")
+        raise BadInput(f"scene {scene.scene}: {NO_HISTORY}")
     return scene.place(scene.history.file)
 
 

@@ -18,7 +18,7 @@ from hub.database import BUSY_S, faults_of, opened, opened_to_read, transaction
 from hub.history.records import HistoryRow, Kind
 
 VERSION = 1
-SCHEMA = (
+HISTORY_SCHEMA = (
     "CREATE TABLE events (seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, id TEXT NOT NULL, label TEXT NOT NULL, "
     "stage TEXT NOT NULL, began_ns INTEGER NOT NULL, at_ns INTEGER NOT NULL, ended_ns INTEGER, p REAL, k INTEGER, "
     "n INTEGER, revises TEXT, corrected TEXT, detail TEXT NOT NULL, "
@@ -37,7 +37,7 @@ END_FALL = (
     "UPDATE events SET stage = :stage, ended_ns = :ended_ns, at_ns = :at_ns "
     "WHERE kind = 'fall' AND id = :id AND ended_ns IS NULL"
 )
-FIELDS = ", ".join(HistoryRow.__slots__)
+ROW_FIELDS = ", ".join(HistoryRow.__slots__)
 DAY_NS, MB = 86_400 * SECOND_NS, 1_000_000
 TOO_MUCH = 0.1
 """Share of the rows that are deleted at once when the file is too large."""
@@ -67,7 +67,7 @@ class HistoryQuery:
         used = {text: value for text, value in conditions.items() if value is not None}
         where = f" WHERE {' AND '.join(used)}" if used else ""
         order = " ORDER BY began_ns DESC, seq DESC LIMIT ?"
-        return f"SELECT {FIELDS} FROM events{where}{order}", [*used.values(), min(self.limit, MOST_ROWS)]  # noqa: S608
+        return f"SELECT {ROW_FIELDS} FROM events{where}{order}", [*used.values(), min(self.limit, MOST_ROWS)]  # noqa: S608
 
 
 class HistoryFile:
@@ -79,7 +79,7 @@ class HistoryFile:
     @classmethod
     def to_write(cls, path: Path, busy_s: float = BUSY_S) -> Self:
         """Open it, and make it if it is not there; raises DatabaseFault."""
-        return cls(path, opened(path, VERSION, SCHEMA, busy_s=busy_s))
+        return cls(path, opened(path, VERSION, HISTORY_SCHEMA, busy_s=busy_s))
 
     @classmethod
     def to_read(cls, path: Path) -> Self:

@@ -22,7 +22,7 @@ WAITING_LIMIT = 10_000
 """Rows that wait for the file, about 5 MB."""
 AGAIN_S, OLD_EVERY_S = 2.0, 600.0
 """After a fault the file is tried again so soon; what is old is deleted so often."""
-BUSY_S = 0.5
+KEEPER_BUSY_S = 0.5
 
 
 class HistoryKeeper:
@@ -77,7 +77,7 @@ class HistoryKeeper:
 
     def _opened(self) -> HistoryFile:
         if self._file is None:
-            self._file = HistoryFile.to_write(self._path, BUSY_S)
+            self._file = HistoryFile.to_write(self._path, KEEPER_BUSY_S)
         return self._file
 
     def _record_fault(self, fault: str) -> None:

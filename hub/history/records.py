@@ -4,15 +4,14 @@ import json
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from common import SECOND_NS
+from common import MS_NS, SECOND_NS
 from common.fall_messages import FallMessage
 from common.messages import VerdictMessage
 from hub.anticipation import probability
 from hub.wording import moment, rounded
 
 Kind = Literal["verdict", "fall"]
-KINDS: tuple[Kind, ...] = ("verdict", "fall")
-NS_PER_MS = 1_000_000
+ROW_KINDS: tuple[Kind, ...] = ("verdict", "fall")
 PAGE_FIELDS = (
     "kind", "id", "label", "began", "ended", "p", "agree", "of", "revises", "corrected", "person",
     "repetitions", "score",
@@ -50,11 +49,11 @@ class HistoryRow:
 
     def as_page(self) -> list[Any]:
         """The row for the page, in the order of PAGE_FIELDS, times in ms since 1970."""
-        ended = None if self.ended_ns is None else self.ended_ns // NS_PER_MS
+        ended = None if self.ended_ns is None else self.ended_ns // MS_NS
         more = json.loads(self.detail) if any(f'"{name}"' in self.detail for name in PAGE_DETAIL) else {}
         p = None if self.p is None else round(self.p, 3)
         return [
-            self.kind, self.id, self.label, self.began_ns // NS_PER_MS, ended, p, self.k, self.n, self.revises,
+            self.kind, self.id, self.label, self.began_ns // MS_NS, ended, p, self.k, self.n, self.revises,
             self.corrected, *map(more.get, PAGE_DETAIL),
         ]  # fmt: skip
 

@@ -19,7 +19,7 @@ from hub.notify.sender import Pauses
 from hub.session import listen
 
 log = logging.getLogger("labanmesh.hub")
-NOTHING = (
+NOTHING_TO_DO = (
     'nothing to do: the scene file has neither [history] with file = "history.db" nor [notify.NAME] '
     "(docs/guide/history.md, docs/guide/notify.md)"
 )
@@ -68,7 +68,7 @@ def _purpose(scene: Scene) -> str:
 def require_something(scene: Scene) -> None:
     """Raises BadInput for a scene that keeps no history and tells nobody."""
     if not (scene.history.file or scene.notify):
-        raise BadInput(f"scene {scene.scene}: {NOTHING}")
+        raise BadInput(f"scene {scene.scene}: {NOTHING_TO_DO}")
 
 
 def _is_new(message: VerdictMessage | FallMessage, stages: dict[str, str]) -> bool:

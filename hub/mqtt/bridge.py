@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 ALL = "*"
 """In `hub.mqtt.movements`: every movement has a binary sensor, also one that is taught later."""
-WAITING_LIMIT = 1000
+MESSAGES_LIMIT = 1000
 """How many verdicts wait for a broker; beyond it the oldest are dropped and counted in `left_out`."""
 
 
@@ -87,7 +87,7 @@ class SceneBridge:
         self._received.append(_ReceivedVerdict(verdict, answered, now_s))
         if not answered:
             self.counters.take(verdict)
-        if len(self._received) > WAITING_LIMIT:
+        if len(self._received) > MESSAGES_LIMIT:
             self._verdict_events.remember(self._received.popleft().verdict)
             self.left_out += 1
 

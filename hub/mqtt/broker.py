@@ -17,7 +17,7 @@ from hub.mqtt.states import OFFLINE, ONLINE
 PORT, TLS_PORT = 1883, 8883
 KEEPALIVE_S = 10
 """A broker publishes our last will after one and a half of these without a sign of life."""
-TIMEOUT_S = 5.0
+CONNECTION_TIMEOUT_S = 5.0
 COLLECT_S = 10.0
 PENDING_LIMIT = 1000
 """How many unconfirmed events are allowed before the library warns."""
@@ -52,7 +52,7 @@ class MqttBroker:
         """A connection, used once as a context manager."""
         client = Client(
             self.host, self.port, username=self.username or None, password=self.password, identifier=self.identifier,
-            tls_context=self.tls, will=Will(self.bridge, OFFLINE, qos=1, retain=True), timeout=TIMEOUT_S,
+            tls_context=self.tls, will=Will(self.bridge, OFFLINE, qos=1, retain=True), timeout=CONNECTION_TIMEOUT_S,
             keepalive=KEEPALIVE_S, max_queued_outgoing_messages=0,
         )  # fmt: skip
         client.pending_calls_threshold = PENDING_LIMIT

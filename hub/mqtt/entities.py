@@ -24,7 +24,7 @@ EXPIRE_S = 30
 """A movement's binary sensor becomes unknown when it is not repeated for this long."""
 BITS = {"unit_of_measurement": "bit", "state_class": "measurement"}
 PERCENT = {"unit_of_measurement": "%", "state_class": "measurement"}
-SECONDS = {"unit_of_measurement": "s", "state_class": "measurement", "device_class": "duration"}
+IN_SECONDS = {"unit_of_measurement": "s", "state_class": "measurement", "device_class": "duration"}
 HERTZ = {"unit_of_measurement": "Hz", "state_class": "measurement", "device_class": "frequency"}
 FACING: Final = "facing"
 DOES, RECOGNISED = "DOES", "RECOGNISED"
@@ -267,9 +267,9 @@ def _observer(topics: Topics, observer: str) -> Iterator[Entity]:
         ("ENTROPY", "Entropy", BITS),
         ("WEIGHT", "Weight", PERCENT),
         ("RELIABILITY", "Reliability", {"state_class": "measurement"}),
-        ("AGE", "Age", SECONDS),
+        ("AGE", "Age", IN_SECONDS),
         ("RATE", "Rate", HERTZ),
-        ("SKEW", "Clock skew", SECONDS),
+        ("SKEW", "Clock skew", IN_SECONDS),
         ("REJECTED", "Rejected messages", {"state_class": "total_increasing"}),
     ]
     for what, name, settings in numbers:

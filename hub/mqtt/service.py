@@ -30,11 +30,10 @@ from hub.mqtt.events import Publication, recalled_ns
 from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
 from hub.session import SceneListener, SceneUpdate
 
-LOOK_S = FAST_S
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 15.0
 RECALL_S = 2.0
 """How long the broker may take to return what an earlier hub has left there."""
-CHECK_S = 0.05
+NEWS_CHECK_S = 0.05
 BROKER = "the broker"
 
 log = logging.getLogger("labanmesh.hub")
@@ -186,7 +185,7 @@ class MqttHub:
         while not self._stop.is_set():
             self._news.clear()
             await asyncio.gather(*(self._publish_scene(client, served) for served in self._served))
-            await self._wait(LOOK_S)
+            await self._wait(FAST_S)
 
     async def _publish_scene(self, client: Client, served: _ServedScene) -> None:
         now_s = time.monotonic()
@@ -227,7 +226,7 @@ class MqttHub:
             for served in self._served:
                 self._take_verdicts(served, time.monotonic())
             self._news.clear()
-            await self._wait(min(LOOK_S, max(0.0, end_s - time.monotonic())))
+            await self._wait(min(FAST_S, max(0.0, end_s - time.monotonic())))
 
     async def _wait(self, seconds: float) -> None:
         """Wait for news, a stop, or this long."""
@@ -235,7 +234,7 @@ class MqttHub:
         end_s = time.monotonic() + seconds
         while not (self._stop.is_set() or self._news.is_set()) and (left_s := end_s - time.monotonic()) > 0:
             try:
-                await asyncio.wait_for(self._news.wait(), min(CHECK_S, left_s))
+                await asyncio.wait_for(self._news.wait(), min(NEWS_CHECK_S, left_s))
             except TimeoutError:
                 continue
 

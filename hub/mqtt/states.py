@@ -17,13 +17,13 @@ from hub.mqtt.entities import FACING, Topics
 from hub.scene_state import ObserverState, SceneState, is_waiting
 from hub.wording import facing, leanings, moment, rounded
 
-REST: Final = "rest"
+REST_STATE: Final = "rest"
 UNDECIDED: Final = "undecided"
 ONLINE: Final = "online"
 OFFLINE: Final = "offline"
 FAST_S = 0.25
 SLOW_S = 1.0
-REPEAT_S = 10.0
+STATE_REPEAT_S = 10.0
 """How often a movement's binary sensor is repeated; it expires at Home Assistant otherwise."""
 PRESENT_S = 1.4
 """An observer without a frame and without a status for this long is absent; a status comes every second."""
@@ -98,7 +98,7 @@ def _scene(topics: Topics, snapshot: SceneSnapshot, movements: Sequence[str]) ->
     decided = judgement.movement.label if judgement and judgement.movement else None
     for label in movements:
         on = snapshot.judged and label == decided
-        yield topics.movement(label), RetainedState("ON" if on else "OFF", repeat_s=REPEAT_S)
+        yield topics.movement(label), RetainedState("ON" if on else "OFF", repeat_s=STATE_REPEAT_S)
     if judgement is not None:
         now, word = _now(judgement), _word(judgement)
         urgent = now["movement"], word["stage"]
@@ -128,7 +128,7 @@ def _now(judgement: JudgementMessage) -> dict[str, Any]:
     # A verdict that is revised to an abstention names no movement.
     label = None if movement is None or movement.label == ABSTAIN else movement.label
     return {
-        "movement": REST if movement is None else label or UNDECIDED,
+        "movement": REST_STATE if movement is None else label or UNDECIDED,
         "label": judgement.label,
         "confidence": confidence(judgement),
         "entropy": rounded(judgement.certainty_bits, 2),

@@ -9,7 +9,7 @@ import typer
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 
-NONE = "in the scene file: [notify.phone] with url and preset (docs/guide/notify.md)"
+NO_RECEIVERS = "in the scene file: [notify.phone] with url and preset (docs/guide/notify.md)"
 
 
 def notify(
@@ -31,7 +31,7 @@ def notify(
     receivers = [each for each in receivers_of(config) if name in ("", each.name)]
     if not receivers:
         known = ", ".join(config.notify)
-        raise BadInput(f"no receiver {name!r}; known: {known}" if known else f"the scene tells nobody; {NONE}")
+        raise BadInput(f"no receiver {name!r}; known: {known}" if known else f"the scene tells nobody; {NO_RECEIVERS}")
     failed = []
     path = queue_path(config)
     for receiver in receivers:

@@ -91,7 +91,7 @@ def test_notification(scene: str, now_ns: int) -> Notification:
 
 def request_of(notification: Notification, config: NotifyConfig, token: str = "") -> WebhookRequest:
     """The request; the signature is added when it is sent."""
-    headers, body = FORMS[config.preset](notification, config, token)
+    headers, body = PRESET_FORMS[config.preset](notification, config, token)
     if token and config.preset in ("json", "ntfy"):
         headers["Authorization"] = f"Bearer {token}"
     headers = {"User-Agent": "labanmesh", ID: notification.key, **headers}
@@ -165,7 +165,7 @@ def _discord(notification: Notification, config: NotifyConfig, token: str) -> Fo
     return _json({"username": "labanmesh", "content": content, "allowed_mentions": {"parse": []}})
 
 
-FORMS: Mapping[Preset, Callable[[Notification, NotifyConfig, str], Form]] = {
+PRESET_FORMS: Mapping[Preset, Callable[[Notification, NotifyConfig, str], Form]] = {
     "json": _plain,
     "ntfy": _ntfy,
     "gotify": _gotify,

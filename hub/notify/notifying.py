@@ -19,7 +19,7 @@ from hub.notify.notification_queue import NotificationQueue
 from hub.notify.sender import Pauses, Receiver, WebhookSender
 
 log = logging.getLogger("labanmesh.hub")
-WAITING_LIMIT = 1000
+NOTIFICATIONS_LIMIT = 1000
 """Notifications that wait in memory for the queue's file."""
 AGAIN_S, BUSY_S = 2.0, 0.5
 NEWS_S = 60.0
@@ -69,7 +69,7 @@ class Notifying:
         self._ticks, self._clock, self._pauses = ticks, clock, pauses
         self._queue: NotificationQueue | None = None
         self._senders: dict[str, WebhookSender] = {}
-        self._waiting: deque[tuple[Receiver, Notification]] = deque(maxlen=WAITING_LIMIT)
+        self._waiting: deque[tuple[Receiver, Notification]] = deque(maxlen=NOTIFICATIONS_LIMIT)
         self._again_s, self._fault = float("-inf"), ""
 
     def take(self, message: VerdictMessage | FallMessage, answered: bool) -> None:

@@ -16,7 +16,7 @@ from hub.notify.webhook import WebhookResult, post
 
 log = logging.getLogger("labanmesh.hub")
 HOUR_NS = 3600 * SECOND_NS
-IDLE_S = 1.0
+EMPTY_QUEUE_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class WebhookSender:
         while not self._ended.is_set():
             try:
                 waiting = self._queue.oldest(self._receiver.name)
-                pause_s = IDLE_S if waiting is None else self._send(waiting)
+                pause_s = EMPTY_QUEUE_S if waiting is None else self._send(waiting)
             except DatabaseFault as error:
                 pause_s = self._failed(str(error))
             if self._failures:

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 from common.text import printable
 from hub.notify.notification import WebhookRequest
 
-REASON_LIMIT = 120
+ANSWER_CHARACTERS = 120
 """Bytes of an error's answer that are shown."""
 LATER = frozenset({401, 403, 404, 405, 408, 425, 429})
 """Refusals that somebody or time may mend: the request waits. After any other of 400 to 499 it is never accepted."""
@@ -64,9 +64,9 @@ def _result(response: http.client.HTTPResponse) -> WebhookResult:
     if 200 <= status < 300:
         return WebhookResult()
     if 300 <= status < 400:
-        where = printable(response.getheader("Location") or "elsewhere")[:REASON_LIMIT]
+        where = printable(response.getheader("Location") or "elsewhere")[:ANSWER_CHARACTERS]
         return WebhookResult(f"redirects to {where}; write that address, if it is the right one")
-    text = " ".join(response.read(REASON_LIMIT).decode("utf-8", "replace").split())
+    text = " ".join(response.read(ANSWER_CHARACTERS).decode("utf-8", "replace").split())
     words = printable(f"answers {status} {response.reason}" + (f": {text}" if text else ""))
     return WebhookResult(words, is_final=400 <= status < 500 and status not in LATER)
 
@@ -75,4 +75,4 @@ def _reason(error: Exception) -> str:
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"its certificate is not accepted: {error.verify_message}"
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return printable(text.lower())[:REASON_LIMIT]
+    return printable(text.lower())[:ANSWER_CHARACTERS]

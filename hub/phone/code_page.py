@@ -23,7 +23,7 @@ STYLE = (
     "body{font-family:sans-serif;max-width:60em;margin:2em auto}"
     "section{display:inline-block;margin:1em 3em 1em 0}svg{width:20em}"
 )
-REFRESH_S = 5
+PAGE_REFRESH_S = 5
 
 
 @dataclass(slots=True)
@@ -81,7 +81,7 @@ def code_page(codes: ShownCodes, live: Callable[[], Mapping[str, object]], path:
         return Answer(404, b"not found\n")
     parts = [_section(codes, observer, observer in live()) for observer in codes.observers]
     text = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="{REFRESH_S}">'
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="{PAGE_REFRESH_S}">'
         f"<title>labanmesh: phones</title><style>{STYLE}</style><h1>A phone as a camera</h1>"
         "<p>Scan the code with the phone's camera. It warns of the certificate once; its page says what to do.</p>"
         + "".join(parts)

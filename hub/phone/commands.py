@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from common.config import Scene
     from hub.phone.register_file import RegisterFile
 
-LISTEN = "0.0.0.0:8443"
+PHONE_LISTEN = "0.0.0.0:8443"
 
 
 PhoneObserver = Annotated[
@@ -41,7 +41,7 @@ FetchFrom = Annotated[
 def phone(
     scene: Annotated[Path | None, typer.Argument(help="The scene file, as given to observe and fuse.")] = None,
     observer: PhoneObserver = None,
-    listen: Listen = LISTEN,
+    listen: Listen = PHONE_LISTEN,
     host: Host = None,
     certificate: CertificateFolder = None,
     teach: Teach = True,

@@ -8,10 +8,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from common import SECOND_NS
+from common import MS_NS, SECOND_NS
 from common.clock_skew import ClockReading, ClockSkew
 
-MS_NS = 1_000_000
 LATE_S = 1.0
 """Older tracks are dropped: half the time after which fusion drops a posterior (fusion.drop_s)."""
 QUESTIONS_LIMIT = 16

@@ -19,7 +19,7 @@ from common.text import printable
 
 MESSAGE_LIMIT = 4096
 """Bytes of a message: the tracks of a whole body have 700."""
-PARTS_LIMIT = 64
+PHONE_PARTS_LIMIT = 64
 """Of a pose model's 33 landmarks 15 parts are made."""
 LARGEST_PX = 100_000.0
 """No picture of a phone is that wide, and no part lies further outside."""
@@ -70,7 +70,7 @@ class PhoneTracks(_PhonePart):
     """
 
     at_ms: Milliseconds
-    parts: Annotated[dict[PartName, Place | None], Field(min_length=1, max_length=PARTS_LIMIT)]
+    parts: Annotated[dict[PartName, Place | None], Field(min_length=1, max_length=PHONE_PARTS_LIMIT)]
 
 
 class CameraState(_PhonePart):

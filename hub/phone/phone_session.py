@@ -2,7 +2,7 @@
 
 1. The first message joins or resumes; anything else before it, and any message that breaks a rule, ends the connection
    with one line.
-2. At most RATE_HZ messages a second; the page sends the next tracks only when few are not acknowledged, so that what
+2. At most MOST_HZ messages a second; the page sends the next tracks only when few are not acknowledged, so that what
    waited on a slow line is never more than that.
 3. Tracks go on as a line of another program's tracks (docs/guide/cameras.md), in our time.
 """
@@ -26,7 +26,7 @@ from hub.phone.phone_messages import (
 )
 from hub.phone.register import Phone, RefusedError
 
-RATE_HZ = 60.0
+MOST_HZ = 60.0
 """Messages a second, on average: twice the pictures of a phone's camera."""
 BURST = 60.0
 """Messages at once after a pause."""
@@ -46,7 +46,7 @@ class Admission(Protocol):
 class RateLimit:
     """A bucket of tokens: `rate_hz` a second flow in, at most `burst` are in it."""
 
-    rate_hz: float = RATE_HZ
+    rate_hz: float = MOST_HZ
     burst: float = BURST
     _tokens: float = BURST
     _at_ns: int | None = None
@@ -89,7 +89,7 @@ class PhoneSession:
     def receive(self, text: str | bytes) -> Outcome:
         """Take a message; raises RefusedError and BadPhoneMessage, one line, if the connection must end."""
         if not self._rate.admits(self.now_ns()):
-            raise BadPhoneMessage(f"more than {RATE_HZ:g} messages a second")
+            raise BadPhoneMessage(f"more than {MOST_HZ:g} messages a second")
         message = read_message(text)
         if isinstance(message, Join | Resume):
             return self._admit(message)

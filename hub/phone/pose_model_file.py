@@ -16,7 +16,7 @@ from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import replace_file
 from hub.phone.pose_task import pose_task
 
-PACKAGES = ("@mediapipe/tasks-vision@0.10.21", "@mediapipe/pose@0.5.1675469404")
+NPM_PACKAGES = ("@mediapipe/tasks-vision@0.10.21", "@mediapipe/pose@0.5.1675469404")
 DATA_FOLDER = "LABANMESH_PHONE_FILES"
 """Environment variable: the folder, if not labanmesh/phone in the user's data folder."""
 COPIED: Mapping[str, tuple[str, str]] = {
@@ -44,7 +44,7 @@ MADE: Mapping[str, tuple[str, str]] = {
     "pose_lite.task": ("pose_landmark_lite.tflite", "edf056339dee91f743a893f390ad6ab1a0210871e5767a72ecd8b01ac9aeae0d"),
 }
 """File -> the model of landmarks in @mediapipe/pose that it is made of, and its SHA-256."""
-DETECTOR = "pose_solution_packed_assets.data"
+DETECTOR_FILE = "pose_solution_packed_assets.data"
 """The model in @mediapipe/pose that finds people: the only file that is packed in it."""
 HASHES = {name: sha256 for table in (COPIED, MADE) for name, (_, sha256) in table.items()}
 NPM_S = 300.0
@@ -98,29 +98,29 @@ def fetch(folder: Path, source: Path | None = None) -> None:
 
 
 def _pack(folder: Path) -> None:
-    words = ["npm", "pack", "--silent", "--pack-destination", str(folder), *PACKAGES]
+    words = ["npm", "pack", "--silent", "--pack-destination", str(folder), *NPM_PACKAGES]
     try:
         done = subprocess.run(words, capture_output=True, text=True, timeout=NPM_S, check=False)  # noqa: S603
     except FileNotFoundError:
         raise LabanmeshError(
             "npm is not installed here (Debian: npm); or on a machine that has it: "
-            f"npm pack {' '.join(PACKAGES)}; then here: {FETCH} --from FOLDER"
+            f"npm pack {' '.join(NPM_PACKAGES)}; then here: {FETCH} --from FOLDER"
         ) from None
     except subprocess.TimeoutExpired:
         raise LabanmeshError(f"npm took more than {NPM_S:g} s; try again: {FETCH}") from None
     if done.returncode:
         fault = " ".join((done.stderr or done.stdout).split())[:200]
-        raise LabanmeshError(f"npm could not fetch {' '.join(PACKAGES)}: {fault}")
+        raise LabanmeshError(f"npm could not fetch {' '.join(NPM_PACKAGES)}: {fault}")
 
 
 def _made_of(folder: Path) -> dict[str, bytes]:
     """The files, of the two packages in `folder`."""
-    runtime, models = (_members(_package(folder, package), package) for package in PACKAGES)
+    runtime, models = (_members(_package(folder, package), package) for package in NPM_PACKAGES)
     try:
         files = {name: runtime[member] for name, (member, _) in COPIED.items()}
-        return files | {name: pose_task(models[DETECTOR], models[member]) for name, (member, _) in MADE.items()}
+        return files | {name: pose_task(models[DETECTOR_FILE], models[member]) for name, (member, _) in MADE.items()}
     except KeyError as error:
-        raise BadInput(f"{folder}: a package has no file {error}; {' and '.join(PACKAGES)} are expected") from None
+        raise BadInput(f"{folder}: a package has no file {error}; {' and '.join(NPM_PACKAGES)} are expected") from None
 
 
 def _package(folder: Path, package: str) -> Path:

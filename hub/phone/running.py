@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
-CHECK_S = 0.1
+STOP_CHECK_S = 0.1
 """How often what the pages show is looked at: a third of the time in which a person reacts to the lesson's "now"."""
 
 
@@ -146,7 +146,7 @@ async def _serve(
     ]
     end_s = None if ending.for_s is None else loop.time() + ending.for_s
     while not (ending.stop.is_set() or (end_s is not None and loop.time() >= end_s) or any(t.done() for t in tasks)):
-        await asyncio.sleep(CHECK_S)
+        await asyncio.sleep(STOP_CHECK_S)
         ending.check()
         server.show()
     ended.set()

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from common import MS_NS
 from hub.scene_state import SceneState, is_abstention
 from hub.wording import label_words
 
@@ -28,7 +29,7 @@ def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
             "label": "undecided" if is_abstention(verdict) else label_words(verdict),
             "k": verdict.agreement.k,
             "n": verdict.agreement.n,
-            "began_ms": verdict.began_ns // 1_000_000,
+            "began_ms": verdict.began_ns // MS_NS,
             "ended": verdict.ended_ns is not None,
         },
     }

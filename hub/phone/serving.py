@@ -33,7 +33,7 @@ QUIET = logging.Logger("labanmesh.hub.sockets", logging.CRITICAL)
 """What strangers send that is no HTTP is not worth a line each."""
 FIRST_S = 10.0
 """How long a connection may take to say who it is."""
-ASK_EVERY_S = 1.0
+PING_EVERY_S = 1.0
 SILENT_S = 5.0
 REVOKED_EVERY_S = 0.5
 CONNECTIONS_LIMIT = 64
@@ -176,7 +176,7 @@ class PhoneServer:
         """Ask for the clock each second, and cut off a phone that no longer answers."""
         with suppress(ConnectionClosed):
             while time.monotonic() - live.heard_s < SILENT_S:
-                await asyncio.sleep(ASK_EVERY_S)
+                await asyncio.sleep(PING_EVERY_S)
                 await _send(live.connection, live.session.question())
         live.connection.transport.abort()
 

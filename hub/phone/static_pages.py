@@ -25,7 +25,7 @@ MEDIA_TYPES = {
     "task": "application/octet-stream",
 }
 COMPRESSED = ("js", "mjs", "wasm")
-HOST = re.compile(r"[\w.\-\[\]:]{1,255}\Z")
+HOST_HEADER = re.compile(r"[\w.\-\[\]:]{1,255}\Z")
 HEADERS = {
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
@@ -73,7 +73,7 @@ class StaticPages:
 
 def policy(host: str) -> str:
     """The Content-Security-Policy. Some browsers do not count a WebSocket as 'self', so it is named."""
-    socket = f" wss://{host}" if HOST.match(host) else ""
+    socket = f" wss://{host}" if HOST_HEADER.match(host) else ""
     return (
         f"default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; connect-src 'self'{socket}; "
         "img-src 'self'; media-src 'self' blob:; form-action 'none'; base-uri 'none'; frame-ancestors 'none'"

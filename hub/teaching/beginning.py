@@ -5,10 +5,9 @@ from typing import Protocol
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TeachReply
-from hub.teaching.interface import Begin, Step
+from hub.teaching.interface import LOOK_S, Begin, Step
 from hub.teaching.participants import Participants
 
-LOOK_S = 0.2
 STANDS_S = 1.2
 """Somebody who has stood still for so long, in the sight of one observer, is ready."""
 RESTLESS_S = 30.0

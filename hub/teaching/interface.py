@@ -11,6 +11,8 @@ StepKind = Literal[
     "learned", "adopting", "test", "alarms", "examples", "done",
 ]  # fmt: skip
 ActionKind = Literal["go", "begin", "repeat", "drop", "more", "skip", "pause"]
+LOOK_S = 0.2
+"""How often a lesson looks at answers, keys and pictures."""
 Begin = Literal["now", "key", "clap", "still"]
 """With what the takes of a movement begin: at once, a key, a clap of the hands, or somebody who stands still."""
 

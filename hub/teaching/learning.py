@@ -4,11 +4,10 @@ from collections.abc import Mapping
 
 from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TeachReply
-from hub.teaching.interface import Step
+from hub.teaching.interface import LOOK_S, Step
 from hub.teaching.participants import Participants
 from hub.teaching.wording import adopted_line, missing_line, reference_lines, result_lines, without_takes
 
-LOOK_S = 0.2
 LEARN_LIMIT_S = 900.0
 ADOPT_IN_S = 0.7
 FOLLOW_S = 10.0

@@ -13,7 +13,7 @@ from common.errors import LabanmeshError
 from common.teaching_messages import SOMEONE, TeachReply, TeachRequest
 from common.text import plural
 from hub.teaching.beginning import wait_for_sign
-from hub.teaching.interface import GO, Action, Begin, LessonInterface, Step
+from hub.teaching.interface import GO, LOOK_S, Action, Begin, LessonInterface, Step
 from hub.teaching.learning import adopt, learn
 from hub.teaching.participants import Ask, Participants
 from hub.teaching.self_test import self_test
@@ -29,7 +29,6 @@ from hub.teaching.wording import (
     vocabulary_of,
 )
 
-LOOK_S = 0.2
 BETWEEN_S, OFFER_S = 1.5, 6.0
 """Seconds in which a take can be repeated or dropped: any take, and one that is doubtful."""
 TAKE_LIMIT_S = 25.0

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from common import MS_NS
 from common.errors import BadInput
 from common.message_types import LAST_INTEGER
 from common.messages import VerdictMessage
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
-NAME_MOST, NS_PER_MS = 64, 1_000_000
+NAME_MOST = 64
 MISSED_MOST, AGO_S = 10, (0.0, 3600.0)
 NEWS_SHOWN = 4
 TAKE_DIGITS = len(str(LAST_INTEGER)) - 1
@@ -204,7 +205,7 @@ def _verdict(verdict: VerdictMessage) -> Json:
     return {
         "id": verdict.id,
         "label": "" if is_abstention(verdict) else verdict.label,
-        "began": verdict.began_ns // NS_PER_MS,
+        "began": verdict.began_ns // MS_NS,
         "ended": verdict.ended_ns is not None,
     }
 

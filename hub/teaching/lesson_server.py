@@ -35,7 +35,7 @@ from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import NO_RIGHT, on_a_page
 
 log = logging.getLogger("labanmesh.hub")
-LOOK_S, FIRST_S = 0.5, 0.1
+REPLY_LOOK_S, FIRST_S = 0.5, 0.1
 """How often observers are asked, and while none has answered yet."""
 TEACHER_LEASE_S = 5.0
 """So long after the last page has asked, observers are still asked."""
@@ -264,7 +264,7 @@ class LessonServer:
                 self._take_in(
                     self._quick_client.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive()))
                 )
-            self._closed.wait(LOOK_S if self._replies else FIRST_S)
+            self._closed.wait(REPLY_LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:
         """Keep the replies of observers that are alive."""

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 
-from common import SECOND_NS
+from common import MS_NS, SECOND_NS
 from common.errors import BadInput
 from common.messages import VerdictMessage
 from hub.scene_state import SceneState
@@ -18,7 +18,9 @@ NEAR_NS = 1.5 * SECOND_NS
 _TIME = re.compile(r"(\d{1,2}):(\d\d):(\d\d)\Z")
 _AGO = re.compile(r"(\d{1,6}(?:\.\d{1,6})?)\s*(s|min)\Z")
 _ID = re.compile(r"(?P<scene>[a-z0-9_-]+)-(?P<began_ms>\d{12,14})\Z")
-FORMS = "the id of a verdict, last, a time of day (20:14:03), two (20:14:03..20:14:06), or how long ago (30s, 2min)"
+MOMENT_FORMS = (
+    "the id of a verdict, last, a time of day (20:14:03), two (20:14:03..20:14:06), or how long ago (30s, 2min)"
+)
 
 
 def correction_of(when: str, label: str, verdicts: Sequence[VerdictMessage], now: datetime) -> Correction:
@@ -29,26 +31,26 @@ def correction_of(when: str, label: str, verdicts: Sequence[VerdictMessage], now
     label = "" if label == NOTHING else label
     if when == "last":
         if not verdicts:
-            raise BadInput("--was last: no verdict is remembered; say when it was: " + FORMS)
+            raise BadInput("--was last: no verdict is remembered; say when it was: " + MOMENT_FORMS)
         return Correction.of_verdict(verdicts[0], label)
     if (verdict := next((each for each in verdicts if each.id == when), None)) is not None:
         return Correction.of_verdict(verdict, label)
     if (match := _ID.match(when)) is not None:
         # The id of a verdict that the fusion service no longer remembers: its movement began then.
-        return Correction(when, label, int(match["began_ms"]) * 1_000_000)
+        return Correction(when, label, int(match["began_ms"]) * MS_NS)
     begin, separator, end = when.partition("..")
     began_ns = _moment_ns(begin, now)
     if separator:
         ended_ns = _moment_ns(end, now)
         if began_ns is None or ended_ns is None or ended_ns <= began_ns:
             raise BadInput(f"--was {when}: the end is not after the begin; two times are expected: 20:14:03..20:14:06")
-        return Correction(f"span-{began_ns // 1_000_000}", label, began_ns, ended_ns)
+        return Correction(f"span-{began_ns // MS_NS}", label, began_ns, ended_ns)
     if began_ns is None:
-        raise BadInput(f"--was {when}: {FORMS} is expected{remembered(verdicts)}")
+        raise BadInput(f"--was {when}: {MOMENT_FORMS} is expected{remembered(verdicts)}")
     near = [each for each in verdicts if _distance_ns(each, began_ns) <= NEAR_NS]
     if near:
         return Correction.of_verdict(min(near, key=lambda each: _distance_ns(each, began_ns)), label)
-    return Correction(f"moment-{began_ns // 1_000_000}", label, began_ns, began_ns)
+    return Correction(f"moment-{began_ns // MS_NS}", label, began_ns, began_ns)
 
 
 def fusion_ns(state: SceneState, machine_ns: int) -> int:

@@ -7,7 +7,7 @@ the examples are shown before anybody learns from them, and one that is not the 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from common import SECOND_NS
+from common import MS_NS, SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.messages import VerdictMessage
 from hub.teaching.correcting import Correction, correct, learn_corrections
@@ -69,7 +69,7 @@ def corrections_of(
     moments = [(each.label, now_ns - round(each.ago_s * SECOND_NS)) for each in wanted.missed]
     return (
         [Correction.of_verdict(known[verdict], label) for verdict, label in wanted.labels.items()],
-        [Correction(f"moment-{at_ns // 1_000_000}", label, at_ns, at_ns) for label, at_ns in moments],
+        [Correction(f"moment-{at_ns // MS_NS}", label, at_ns, at_ns) for label, at_ns in moments],
     )
 
 

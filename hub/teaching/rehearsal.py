@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
     from hub.session import SceneListener
 
-FOLDER = Path("labanmesh-rehearsal")
-LABELS = ("byebye", "maestro", "stretch")
+REHEARSAL_FOLDER = Path("labanmesh-rehearsal")
+REHEARSAL_LABELS = ("byebye", "maestro", "stretch")
 """Three movements of the performer that its cameras tell apart well."""
 LENGTHS = {"takes": 4, "background_s": 45.0, "alarm_s": 12.0, "countdown": 1}
-"""Of a lesson that a person watches to its end: two and a half minutes for LABELS. Ordinary life is long enough for
-three of each kind."""
-MOVEMENTS, REHEARSAL_REST_S = 6, 4.0
+"""Of a lesson that a person watches to its end: two and a half minutes for REHEARSAL_LABELS. Ordinary life is long
+enough for three of each kind."""
+REHEARSED, REHEARSAL_REST_S = 6, 4.0
 """Performed after the lesson, in half a minute, and the seconds from a verdict to the next: a movement goes on for 2 s
 after it, and rest tells where it ends."""
 REHEARSAL_END_S = 2.0
@@ -44,7 +44,7 @@ TITLE = (
     "a rehearsal: a SYNTHETIC performer (a kinematic model, no recorded person) stands before two virtual cameras and "
     "does what this screen asks, as you would; all else is real. About three minutes; Ctrl-C ends it"
 )
-NEXT = (
+AFTER_REHEARSAL = (
     "the same again, without a lesson: labanmesh up {file}, and labanmesh watch {file} in another terminal\n"
     "with your own camera: labanmesh init, and then: labanmesh teach scene.toml wave point clap --up"
 )
@@ -90,17 +90,17 @@ class RehearsalTerminal(Terminal):
 
 @contextmanager
 def rehearsed(labels: Sequence[str]) -> Iterator[Rehearsal]:
-    """A performer that acts these movements, by default LABELS, while the context lasts.
+    """A performer that acts these movements, by default REHEARSAL_LABELS, while the context lasts.
 
     Raises BadInput for a movement that it does not know, and where the folder cannot be written.
     """
     if find_spec("cv2") is None:
         # The command line says which extra brings it.
         raise ModuleNotFoundError(name="cv2")
-    labels = labels or LABELS
+    labels = labels or REHEARSAL_LABELS
     # A session of its own: Ctrl-C is for the lesson. It ends when its input does.
     process = subprocess.Popen(  # noqa: S603 - the command line is ours
-        [sys.executable, "-P", "-m", "studies.performer.cameras", str(FOLDER), *labels],
+        [sys.executable, "-P", "-m", "studies.performer.cameras", str(REHEARSAL_FOLDER), *labels],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     )  # fmt: skip
     try:
@@ -119,16 +119,16 @@ def rehearsed(labels: Sequence[str]) -> Iterator[Rehearsal]:
 
 
 def show_recognition(acted: Rehearsal, interface: Terminal) -> None:
-    """The performer does MOVEMENTS movements while `labanmesh watch` shows the scene; then the result is printed."""
-    rounds = -(-MOVEMENTS // len(acted.labels))
+    """The performer does REHEARSED movements while `labanmesh watch` shows the scene; then the result is printed."""
+    rounds = -(-REHEARSED // len(acted.labels))
     order = [label for _ in range(rounds) for label in random.sample(acted.labels, len(acted.labels))]
     command = [sys.executable, "-P", "-m", "labanmesh", "watch", str(acted.file)]
     acted.ask("rest")
-    interface.say(f"now it does {plural(MOVEMENTS, 'movement')} in a random order, and labanmesh watch shows them")
+    interface.say(f"now it does {plural(REHEARSED, 'movement')} in a random order, and labanmesh watch shows them")
     decided = []
     with subprocess.Popen(command) as view:  # noqa: S603 - it is ours
         try:
-            for label in order[:MOVEMENTS]:
+            for label in order[:REHEARSED]:
                 interface.pause(REHEARSAL_REST_S)
                 acted.ask(f"act {label}")
                 decided.append((label, next_verdict(interface)))
@@ -140,4 +140,4 @@ def show_recognition(acted: Rehearsal, interface: Terminal) -> None:
         interface.say(outcome_line(label, verdict))
     right = sum(label == verdict for label, verdict in decided)
     interface.say(f"the performer did {plural(len(decided), 'movement')}; {right} recognised")
-    interface.say(NEXT.format(file=acted.file))
+    interface.say(AFTER_REHEARSAL.format(file=acted.file))

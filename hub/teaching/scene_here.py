@@ -10,11 +10,11 @@ from pathlib import Path
 
 from common.errors import LabanmeshError
 from common.files import open_private
+from hub.teaching.interface import LOOK_S
 
 SCENE_START_S = 60.0
 """Trackers with a pose model take some seconds to start."""
 SCENE_END_S = 10.0
-LOOK_S = 0.2
 
 
 @contextmanager

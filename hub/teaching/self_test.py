@@ -4,10 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 
 from common.teaching_messages import LearnedReport
 from common.vocabulary import ABSTAIN
-from hub.teaching.interface import LessonInterface, Step
+from hub.teaching.interface import LOOK_S, LessonInterface, Step
 from hub.teaching.wording import outcome_line, summary_line
 
-LOOK_S = 0.2
 TEST_LIMIT_S = 8.0
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 OBSERVER_ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
 ATTEMPTS = 3
-FIND_S, LOOK_S = 3.0, 0.1
+FIND_S, FIND_LOOK_S = 3.0, 0.1
 """Observers that run are found within milliseconds; meanwhile Ctrl-C is looked for that often."""
 
 
@@ -70,7 +70,7 @@ def find_observers(scene: "Scene", link: "Link", stop: threading.Event) -> "Pres
     """
     presence = presence_of(scene, link)
     end_s = time.monotonic() + FIND_S
-    while not presence.wait_for(len(scene.roster), LOOK_S) and time.monotonic() < end_s:
+    while not presence.wait_for(len(scene.roster), FIND_LOOK_S) and time.monotonic() < end_s:
         if stop.is_set():
             raise KeyboardInterrupt
     return presence

@@ -21,8 +21,8 @@ BEEPS = {"countdown": 1, "now": 2, "kept": 1, "failed": 3, "doubt": 3, "test": 1
 """Beeps of the terminal's bell: one while it counts down, two to begin, one for a take that is kept, else three."""
 BEEP_S = 0.15
 """Between two beeps, or terminals make one of them."""
-LARGE = {"now": "now", "kept": "kept", "failed": "again"}
-SIGNS = {"now": "", "key": "key", "clap": "clap", "still": "still"}
+LARGE_WORDS = {"now": "now", "kept": "kept", "failed": "again"}
+LARGE_SIGNS = {"now": "", "key": "key", "clap": "clap", "still": "still"}
 REPEAT, DROP, SKIP = "r", "d", "s"
 
 
@@ -130,7 +130,7 @@ class Terminal:
 def _large(step: Step) -> str:
     if step.kind in ("countdown", "other", "alarms"):
         return f"{step.left_s:.0f}"
-    return SIGNS[step.how] if step.kind == "waiting" else LARGE.get(step.kind, "")
+    return LARGE_SIGNS[step.how] if step.kind == "waiting" else LARGE_WORDS.get(step.kind, "")
 
 
 def wait(seconds: float, stop: threading.Event) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import TeachRequest
 from hub.session import SceneListener
+from hub.teaching.interface import LOOK_S
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.rehearsal import Rehearsal, RehearsalTerminal, show_recognition
 from hub.teaching.teaching_client import TeachingClient, names_of
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from common.inbox import Presence
     from common.link import Link
 
-LOOK_S, PICTURES_S = 0.2, 6.0
+PICTURES_S = 6.0
 CAMERAS_S = 20.0
 """So long the lesson waits for a first camera; for the others PICTURES_S."""
 

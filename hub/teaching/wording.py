@@ -7,7 +7,7 @@ from common.text import periods_line, plural
 from common.vocabulary import ABSTAIN
 from hub.teaching.interface import Step
 
-SIGNS = {"now": "now", "key": "press a key", "clap": "clap", "still": "stand still"}
+SIGN_NAMES = {"now": "now", "key": "press a key", "clap": "clap", "still": "stand still"}
 LEAST_S = 6.0
 """A shorter time tells nothing about false alarms."""
 ALIKE_SHARE = 0.2
@@ -21,7 +21,7 @@ TYPED = {
     "? r makes it again": "? If not, make it again",
 }
 """Ways out in a terminal, and what they are on a page."""
-KEYS = {"; or press a key": "", " (s: skip)": "", "? r makes it again": "?"}
+KEY_HINTS = {"; or press a key": "", " (s: skip)": "", "? r makes it again": "?"}
 """Keys in a line, and what it says where there is no keyboard."""
 NO_RIGHT = (
     "no observer answers a request to teach: they are of an earlier version, or this machine's certificate lacks the "
@@ -45,7 +45,7 @@ def step_line(step: Step) -> str:
         case "now":
             return f"{title}: now"
         case "waiting":
-            return f"{title}: {SIGNS[step.how]}"
+            return f"{title}: {SIGN_NAMES[step.how]}"
         case "kept" | "failed":
             return f"{title}: {step.kind}"
         case "doubt":
@@ -217,7 +217,7 @@ def on_a_page(line: str) -> str:
 
 def without_keys(line: str) -> str:
     """A line that names keys to press, for a terminal without a keyboard."""
-    return _replaced(line, KEYS)
+    return _replaced(line, KEY_HINTS)
 
 
 def _replaced(line: str, words: Mapping[str, str]) -> str:

@@ -14,8 +14,8 @@ from common.teaching_messages import Unwanted
 from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.commands import DashboardRun, _access, _teach_lines
-from hub.dashboard.serving import NO_RIGHT, _teach_page
-from hub.dashboard.teach_routes import OFF, TeachPage
+from hub.dashboard.serving import NO_TEACH_RIGHT, _teach_page
+from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
 from hub.teaching.interface import Action, Step
 from hub.teaching.lesson_data import action_of, corrections_of, lesson_server_data, plan_of, unwanted_of
 from hub.teaching.page_interface import PageInterface, PageLesson
@@ -33,7 +33,7 @@ def lesson_server(scene):
     return FakeLessonServer(scene)
 
 
-def ask(lesson_server, *requests, access=None, off=OFF, host="dojo.local"):
+def ask(lesson_server, *requests, access=None, off=TEACHING_IS_OFF, host="dojo.local"):
     """The answers to (method, path, more) of one application."""
     access = access or AccessControl(TOKEN, TOKEN)
 
@@ -95,7 +95,7 @@ def test_nothing_is_taught_without_the_token_in_the_header(lesson_server, monkey
 
 
 def test_requests_that_wait_are_answered_when_the_server_ends(lesson_server):
-    page = TeachPage(AccessControl(TOKEN, TOKEN), lesson_server, OFF, lesson_server.scene)
+    page = TeachPage(AccessControl(TOKEN, TOKEN), lesson_server, TEACHING_IS_OFF, lesson_server.scene)
 
     async def main():
         app = application(AccessControl(TOKEN, TOKEN), None, lambda: False, None, page)
@@ -139,14 +139,21 @@ def test_a_browser_keeps_a_key_made_from_the_token(lesson_server):
 
 def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, lesson_server):
     state = ("GET", "/teach/state", {"headers": BEARER})
-    for access, off in ((AccessControl(None), OFF), (AccessControl(TOKEN), OFF), (AccessControl(TOKEN, "t"), NO_RIGHT)):
+    for access, off in (
+        (AccessControl(None), TEACHING_IS_OFF),
+        (AccessControl(TOKEN), TEACHING_IS_OFF),
+        (AccessControl(TOKEN, "t"), NO_TEACH_RIGHT),
+    ):
         forget = post("forget", {"everything": True})
         page, *others = ask(None, PAGE, state, post("start", PLAN), forget, access=access, off=off, host="127.0.0.1")
         assert page.status_code == 200 and off in page.text and {each.status_code for each in others} == {404}
-    assert "labanmesh dashboard SCENE --teach" in OFF and "labanmesh secure add SCENE NAME --hub --teach" in NO_RIGHT
+    assert (
+        "labanmesh dashboard SCENE --teach" in TEACHING_IS_OFF
+        and "labanmesh secure add SCENE NAME --hub --teach" in NO_TEACH_RIGHT
+    )
 
 
-@pytest.mark.parametrize(("teaches", "right", "line"), [(False, True, OFF), (True, False, NO_RIGHT)])
+@pytest.mark.parametrize(("teaches", "right", "line"), [(False, True, TEACHING_IS_OFF), (True, False, NO_TEACH_RIGHT)])
 def test_a_certificate_without_the_right_does_not_teach(scene, monkeypatch, teaches, right, line):
     monkeypatch.setattr("hub.dashboard.serving.has_right", lambda scene, what: right and what == "teach")
     access = AccessControl(TOKEN, TOKEN if teaches else None)
@@ -180,7 +187,7 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
     (line,) = _teach_lines(DashboardRun(scene, None, lan, own), lan)
     monkeypatch.setattr("hub.rights.has_right", lambda scene, what: False)
-    assert list(_teach_lines(DashboardRun(scene, None, lan, own), lan)) == [NO_RIGHT]
+    assert list(_teach_lines(DashboardRun(scene, None, lan, own), lan)) == [NO_TEACH_RIGHT]
     assert TOKEN not in line and lan.host not in line
 
 

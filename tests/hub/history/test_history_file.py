@@ -90,9 +90,9 @@ def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
 @given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from("ab"), st.integers(0, 9)), max_size=30), st.data())
 def test_filters_find_what_a_loop_finds(events, data):
     with HistoryFile(None, sqlite3.connect(":memory:", isolation_level=None)) as file:
-        from hub.history.history_file import SCHEMA
+        from hub.history.history_file import HISTORY_SCHEMA
 
-        for statement in SCHEMA:
+        for statement in HISTORY_SCHEMA:
             file._connection.execute(statement)
         expected = {}
         for number, label, second in events:
@@ -170,7 +170,7 @@ class Keeper:
 
 
 def test_a_locked_file_loses_nothing_and_is_one_line(path, caplog, monkeypatch):
-    monkeypatch.setattr("hub.history.keeper.BUSY_S", 0.05)
+    monkeypatch.setattr("hub.history.keeper.KEEPER_BUSY_S", 0.05)
     keeper = Keeper(path)
     keeper.keeper.add(row(1))
     other = sqlite3.connect(path, isolation_level=None)

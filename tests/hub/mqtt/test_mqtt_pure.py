@@ -8,10 +8,10 @@ from processes import until
 
 from common.errors import BadInput
 from common.messages import Contribution
-from hub.mqtt.bridge import WAITING_LIMIT, SceneBridge
+from hub.mqtt.bridge import MESSAGES_LIMIT, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
 from hub.mqtt.events import EVENT_S, last_verdict_state, recalled_ns, verdict_event
-from hub.mqtt.states import FAST_S, PRESENT_S, REPEAT_S, SLOW_S
+from hub.mqtt.states import FAST_S, PRESENT_S, SLOW_S, STATE_REPEAT_S
 from hub.scene_state import SceneState
 from hub.session import SceneListener
 
@@ -136,9 +136,9 @@ def test_without_a_change_only_what_expires_is_repeated(driver, make):
     moving = make.moving(decided="nthrow")
     assert driver.due(0.0, moving)[TOPICS.movement("nthrow")] == "ON"
     assert driver.due(1.0, moving) == {}
-    assert driver.due(REPEAT_S, moving) == {TOPICS.movement("nthrow"): "ON"} and REPEAT_S * 2 < EXPIRE_S
+    assert driver.due(STATE_REPEAT_S, moving) == {TOPICS.movement("nthrow"): "ON"} and STATE_REPEAT_S * 2 < EXPIRE_S
     driver.bridge.forget()
-    again = list(driver.due(REPEAT_S + 1, moving))
+    again = list(driver.due(STATE_REPEAT_S + 1, moving))
     assert again[0].endswith("/config") and TOPICS.of("state") in again
     last_config = max(i for i, topic in enumerate(again) if topic.endswith("/config"))
     assert again.index(TOPICS.of("availability")) > last_config
@@ -233,10 +233,10 @@ def test_an_event_waits_for_the_broker_but_not_for_ever(driver, make):
     driver.due(0.0)
     assert bridge.next_event(1.0) == bridge.next_event(EVENT_S) is not None, "it was not confirmed"
     assert bridge.next_event(EVENT_S + 0.1) is None and bridge.left_out == 1
-    for number in range(2, WAITING_LIMIT + 4):
+    for number in range(2, MESSAGES_LIMIT + 4):
         bridge.receive(make.verdict(number), 50.0)
     driver.due(50.0)
-    assert len(driver.events(50.0)) == WAITING_LIMIT and bridge.left_out == 3
+    assert len(driver.events(50.0)) == MESSAGES_LIMIT and bridge.left_out == 3
 
 
 def test_a_verdict_from_before_is_no_event(driver, make):

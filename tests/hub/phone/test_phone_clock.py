@@ -3,7 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hub.phone.phone_clock import LATE_S, MS_NS, QUESTIONS_LIMIT, PhoneClock
+from common import MS_NS
+from hub.phone.phone_clock import LATE_S, QUESTIONS_LIMIT, PhoneClock
 
 START_NS = 1_795_657_600_000_000_000
 

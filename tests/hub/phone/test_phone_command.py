@@ -13,7 +13,7 @@ from tiny_pose_model import model
 
 from common.errors import BadInput, LabanmeshError
 from hub.phone.code_page import OWN_NAMES, ShownCodes, code_page, terminal_code
-from hub.phone.pose_model_file import DATA_FOLDER, HASHES, PACKAGES, fetch, read_files
+from hub.phone.pose_model_file import DATA_FOLDER, HASHES, NPM_PACKAGES, fetch, read_files
 from hub.phone.register_file import RegisterFile
 from labanmesh import main
 
@@ -97,7 +97,7 @@ def test_a_file_that_was_changed_is_not_served(tmp_path):
         (tmp_path / name).write_bytes(b"evil()")
     with pytest.raises(LabanmeshError, match=r"not the file that labanmesh knows \(SHA-256\); labanmesh phone --fetch"):
         read_files(tmp_path)
-    assert all("@" in package and "/" in package for package in PACKAGES)
+    assert all("@" in package and "/" in package for package in NPM_PACKAGES)
 
 
 def test_a_code_is_shown_until_it_is_used(tmp_path):

@@ -225,7 +225,7 @@ def test_the_page_is_shown_what_is_new(running):
 
 def test_a_phone_that_says_nothing_is_cut_off(running, monkeypatch):
     monkeypatch.setattr(serving, "SILENT_S", 0.2)
-    monkeypatch.setattr(serving, "ASK_EVERY_S", 0.05)
+    monkeypatch.setattr(serving, "PING_EVERY_S", 0.05)
     with running.joined() as phone:
         with pytest.raises(ConnectionClosed):
             while True:
