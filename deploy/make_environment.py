@@ -28,7 +28,7 @@ INSTALLING = "Installing collected packages: "
 PIP = ("-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--progress-bar", "off")
 CONTRIB = "from importlib.metadata import version; print(version('opencv-contrib-python'))"
 NO_ANSWER = ("Retrying (Retry", "Failed to establish", "Temporary failure in name resolution", "ConnectionError")
-WAYS_OUT = (
+PIP_WAYS_OUT = (
     (("ensurepip is not", "No module named venv"), "Python has no venv; Debian: apt install python3-venv"),
     (("No space left",), "the disk is full; make room, 3 GB are enough"),
     (("Permission denied", "Read-only file system"), "this folder cannot be written; clone into a folder of your own"),
@@ -106,7 +106,7 @@ class PipProgress:
 def reason_of(lines: Sequence[str]) -> str:
     """Why the program that printed `lines` failed and what to do, in one line."""
     text = "\n".join(lines)
-    for symptoms, way_out in WAYS_OUT:
+    for symptoms, way_out in PIP_WAYS_OUT:
         if any(symptom in text for symptom in symptoms):
             return way_out
     errors = [line for line in lines if line.lower().startswith("error")]

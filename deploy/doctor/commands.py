@@ -29,7 +29,7 @@ from deploy.doctor.security import check_security, security_facts
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
 """How long checks may take, also on a busy machine; that of the network on top of the time that it listens."""
 NO_OBSERVER = "none"
-COLOURS: dict[Mark, str] = {"ok": "green", "hint": "cyan", "warning": "yellow", "error": "red"}
+MARK_COLOURS: dict[Mark, str] = {"ok": "green", "hint": "cyan", "warning": "yellow", "error": "red"}
 
 
 def doctor(
@@ -184,4 +184,4 @@ def _print_page(findings: Sequence[Finding], settings: Sequence[EffectiveSetting
     coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     for line, mark in page(findings, settings):
         styled = coloured and (mark is not None or not line.startswith(" "))
-        typer.echo(typer.style(line, fg=COLOURS[mark] if mark else None, bold=mark is None) if styled else line)
+        typer.echo(typer.style(line, fg=MARK_COLOURS[mark] if mark else None, bold=mark is None) if styled else line)

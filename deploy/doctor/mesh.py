@@ -19,7 +19,7 @@ from deploy.doctor.findings import Finding, Mark, error, hint, ok, warning
 from deploy.doctor.network import NetworkFacts
 from deploy.doctor.security import listener_for
 from deploy.doctor.traffic import (
-    WAYS_OUT,
+    REJECTION_WAYS_OUT,
     MeshTraffic,
     ProcessTraffic,
     check_process,
@@ -271,7 +271,7 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic, *, sec
         if statistics.rejected.get("same_id") and process.turns <= 1:
             # Not of this doctor's own hearing: it may have been before, or is heard by fusion alone.
             what = f"two processes published as {name}: {plural(statistics.rejected['same_id'], 'message')} rejected"
-            yield warning(GROUP, what, WAYS_OUT["same_id"])
+            yield warning(GROUP, what, REJECTION_WAYS_OUT["same_id"])
         known.add("same_id")
         for reason, count in sorted(statistics.rejected.items()):
             if count and reason not in known:

@@ -25,11 +25,11 @@ GROUP: Final = "network"
 CONNECT_S = 1.5
 """A name server and a connection in one house take milliseconds; one that takes longer is as good as away."""
 EVERY_INTERFACE = (*ANY_HOST, "*")
-LOOPBACK = re.compile(r"(127(\.\d+){3}|::1|localhost)\Z")
+LOOPBACK_HOST = re.compile(r"(127(\.\d+){3}|::1|localhost)\Z")
 SECURE = ("tls", "quic")
 NO_TCP = ("udp", "quic", "unixsock-stream")
 """Protocols whose port cannot be tried by a TCP connection."""
-ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^]]*\]|[^:]*):(?P<port>\d+)")
+ENDPOINT_PARTS = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^]]*\]|[^:]*):(?P<port>\d+)")
 LISTENING = "0A"
 """A socket's state in /proc/net/tcp."""
 
@@ -45,7 +45,7 @@ class EndpointParts:
     @classmethod
     def of(cls, endpoint: str) -> "EndpointParts":
         """The pieces of an endpoint."""
-        match = ENDPOINT.match(endpoint)
+        match = ENDPOINT_PARTS.match(endpoint)
         if match is None:
             return cls(endpoint.partition("/")[0], "", 0)
         return cls(match["protocol"], match["host"].strip("[]"), int(match["port"]))
@@ -201,7 +201,7 @@ def is_free(facts: NetworkFacts) -> bool:
 def exposure(endpoint: str) -> str:
     """What strangers can do at `endpoint` without certificates; "" if only this machine reaches it."""
     parts = EndpointParts.of(endpoint)
-    if parts.protocol in SECURE or not parts.host or LOOPBACK.match(parts.host):
+    if parts.protocol in SECURE or not parts.host or LOOPBACK_HOST.match(parts.host):
         return ""
     where = "on every interface of this machine" if parts.host in EVERY_INTERFACE else "in the network"
     may = "look on, speak for any observer, teach movements and make it forget them"

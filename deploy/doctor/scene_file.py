@@ -36,10 +36,10 @@ from deploy.doctor.findings import (
 GROUP: Final = "the scene file"
 PREFLIGHT_S = 10.0
 """Four observers take 1 to 2 s on two free cores, and several times that on a busy or a small machine."""
-WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
+SCENE_WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
 NEARLY_FULL = 0.75
 """Of a message's size: from here on one more observer or movement may be too much."""
-ELSEWHERE = "if it runs on another machine, name this one's: --observers ID,ID (or none)"
+NOT_HERE = "if it runs on another machine, name this one's: --observers ID,ID (or none)"
 
 
 class MissingSceneFile(BadInput):
@@ -151,7 +151,7 @@ def check_scene(facts: SceneFacts) -> list[Finding]:
 
 def unreadable(fault: str) -> Finding:
     """The finding on a file that is no scene file, from the one line of the error."""
-    return from_fault(GROUP, "error", fault, WAY_OUT)
+    return from_fault(GROUP, "error", fault, SCENE_WAY_OUT)
 
 
 def _whole(facts: SceneFacts) -> Iterator[Finding]:
@@ -178,9 +178,9 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
             yield warning(GROUP, f"{observer}: not examined: {reason}", f"labanmesh observe {facts.path} {observer}")
             continue
         for fault in report.faults:
-            yield from_fault(GROUP, mark, f"{observer}: {fault}", WAY_OUT)
+            yield from_fault(GROUP, mark, f"{observer}: {fault}", SCENE_WAY_OUT)
         for doubt in report.doubts:
-            yield from_fault(GROUP, "warning", f"{observer}: {doubt}", WAY_OUT)
+            yield from_fault(GROUP, "warning", f"{observer}: {doubt}", SCENE_WAY_OUT)
         if report.lacks_tracker:
             yield warning(
                 GROUP, f"{observer}: tracker camshift: {report.lacks_tracker.partition(': ')[0]}", _remedy(report)
@@ -195,7 +195,7 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
             camera = report.taught_from
             yield ok(GROUP, f"{observer}: its model is for {camera} as it stands: teach it again when the camera moves")
     if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
-        yield warning(GROUP, "observers lack something here, and may be meant for other machines", ELSEWHERE)
+        yield warning(GROUP, "observers lack something here, and may be meant for other machines", NOT_HERE)
 
 
 def _remedy(report: PreflightReport) -> str:
@@ -280,7 +280,7 @@ def _message_size(facts: SceneFacts) -> Iterator[Finding]:
     try:
         require_fits(scene, vocabulary)
     except BadInput as fault:
-        yield from_fault(GROUP, "error", str(fault), WAY_OUT)
+        yield from_fault(GROUP, "error", str(fault), SCENE_WAY_OUT)
         return
     size = largest_judgement(scene.scene, scene.roster, vocabulary, scene.fusion.rule)
     what = f"judgements take up to {size / 1024:.1f} KiB, a message holds {SIZE_LIMIT // 1024}"

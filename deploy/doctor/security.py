@@ -17,7 +17,7 @@ from deploy.doctor.network import SECURE, EndpointParts, NetworkFacts
 GROUP: Final = "security"
 PROBE_S = 1.0
 SOON_DAYS = 30
-WAY_OUT = "docs/guide/security.md has the steps; labanmesh secure list shows all certificates"
+SECURITY_WAY_OUT = "docs/guide/security.md has the steps; labanmesh secure list shows all certificates"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,11 +83,11 @@ def check_security(facts: SecurityFacts, now: datetime) -> list[Finding]:
     """The findings on credentials at `now` (with its time zone)."""
     findings = list(_expiry(facts.certificate, now)) if facts.certificate else []
     if facts.fault:
-        return [*findings, from_fault(GROUP, "error", facts.fault, WAY_OUT)]
+        return [*findings, from_fault(GROUP, "error", facts.fault, SECURITY_WAY_OUT)]
     if not facts.mesh.credentials:
         return [ok(GROUP, "no credentials (mesh.credentials), so no encryption and no access rules")]
     if facts.certificate is None:
-        return [error(GROUP, f"{facts.mesh.credentials}: no certificate could be read", WAY_OUT)]
+        return [error(GROUP, f"{facts.mesh.credentials}: no certificate could be read", SECURITY_WAY_OUT)]
     return findings
 
 

@@ -22,7 +22,7 @@ PROCESSES_LIMIT = 64
 """How many processes are recorded; a program that invents names cannot fill a page."""
 OLD_FRAME_S = 2.0
 """A running process that is without a frame for longer reports itself as degraded."""
-WAYS_OUT = {
+REJECTION_WAYS_OUT = {
     "wrong_version": "install the same labanmesh on every machine, and start that process again",
     "too_large": "use fewer observers or movements in one scene, or shorter names; other programs must keep to 64 KiB",
     "foreign_vocabulary": "learn its model again from the movements of the others: labanmesh learn",
@@ -175,7 +175,7 @@ def check_process(
 def rejected(name: str, reason: str, count: int) -> Finding:
     """The finding on messages that cannot be used, for one reason."""
     what = f"{name}: {plural(count, 'message')} rejected: {reason.replace('_', ' ')}"
-    return error(GROUP, what, WAYS_OUT.get(reason, ANY_WAY_OUT))
+    return error(GROUP, what, REJECTION_WAYS_OUT.get(reason, ANY_WAY_OUT))
 
 
 def relative_clock(skew_s: float) -> str:

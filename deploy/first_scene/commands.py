@@ -21,7 +21,7 @@ from deploy.doctor.cameras import Webcam, webcams
 from deploy.first_scene.scene_text import SCHEMA_FILE, FirstCamera, scene_text
 
 DEFAULT_NAME = "home"
-LABELS = "wave point clap"
+EXAMPLE_LABELS = "wave point clap"
 WITHOUT_WEBCAM = (
     'its source may also be a film ("film.mp4") or a phone ("rtsp://HOST:PORT/PATH"): docs/guide/cameras.md'
 )
@@ -29,7 +29,7 @@ REHEARSAL = (
     "without a camera: labanmesh teach --rehearse shows a whole lesson in three minutes, acted by a synthetic performer"
 )
 SEE_IT = "See it now? [Y/n] "
-QUESTION = f"Teach them movements now? Name them, for example: {LABELS}. Enter: later\n> "
+QUESTION = f"Teach them movements now? Name them, for example: {EXAMPLE_LABELS}. Enter: later\n> "
 
 
 def init(
@@ -64,7 +64,7 @@ def init(
     if cameras:
         if any(camera.source == PHONE for camera in cameras):
             typer.echo(f"show the code that makes a phone the camera: labanmesh phone {name}")
-        typer.echo(f"and teach them your movements: labanmesh teach {name} {LABELS} --up")
+        typer.echo(f"and teach them your movements: labanmesh teach {name} {EXAMPLE_LABELS} --up")
     else:
         typer.echo(REHEARSAL)
     if asks and cameras:

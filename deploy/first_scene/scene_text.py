@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 from common.config_sections import default_quorum
 
-VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
+SCENE_VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
 """Where so many cameras usually stand; more than three stand in the corners."""
-CORNERS = ("yaw:45", "yaw:-45", "yaw:135", "yaw:-135")
+CORNER_VIEWS = ("yaw:45", "yaw:-45", "yaw:135", "yaw:-135")
 COMMAND_WIDTH = 43
 SCHEMA_FILE = ".scene.schema.json"
 """Beside the scene file, for editors."""
-HEAD = """\
+SCENE_HEAD = """\
 #:schema ./{schema}
 # A scene of labanmesh: its cameras, where they stand, where the processes meet, and when a movement is decided.
 # Every process reads this file; on several machines each has the same. All keys: docs/reference/scene.md.
@@ -89,10 +89,10 @@ def scene_text(cameras: Sequence[FirstCamera], file: str, scene: str) -> str:
     """
     cameras = cameras or [FirstCamera("0", NO_CAMERA)]
     names = [f"cam{number}" for number in range(1, len(cameras) + 1)]
-    views = VIEWS.get(len(names), CORNERS)
+    views = SCENE_VIEWS.get(len(names), CORNER_VIEWS)
     placed = [(name, views[number % len(views)]) for number, name in enumerate(names)]
     sources = [camera.source for camera in cameras]
-    head = HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, sources, placed)), scene=scene)
+    head = SCENE_HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, sources, placed)), scene=scene)
     observers = [
         OBSERVER.format(name=name, camera=camera.comment, source=_in_toml(camera), view=view)
         for (name, view), camera in zip(placed, cameras, strict=True)

@@ -11,9 +11,9 @@ import typer
 
 from common.errors import BadInput, LabanmeshError, reason_of
 
-KINDS = {"observer": "verbs", "hub": "verbs", "rule": "rules"}
+ENTRY_POINT_GROUPS = {"observer": "verbs", "hub": "verbs", "rule": "rules"}
 """The group of entry points in which labanmesh looks for each kind of package."""
-NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
+PACKAGE_NAME = re.compile(r"[a-z][a-z0-9_]{0,31}")
 
 
 def new(
@@ -46,12 +46,12 @@ def new(
 
 def package(kind: str, name: str) -> dict[str, str]:
     """The files of a new package, by name; raises BadInput for an unknown kind and for a name that cannot be used."""
-    if kind not in KINDS:
-        raise BadInput(f"{kind!r}: {', '.join(KINDS)} is expected")
-    if not NAME.fullmatch(name) or keyword.iskeyword(name):
+    if kind not in ENTRY_POINT_GROUPS:
+        raise BadInput(f"{kind!r}: {', '.join(ENTRY_POINT_GROUPS)} is expected")
+    if not PACKAGE_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise BadInput(f"{name!r}: lower case letters, digits and underscores, 32 at most, a letter first")
     skeletons = files("deploy.new_package") / "skeletons"
-    words = {"name": name, "group": KINDS[kind], "object": "RULE" if kind == "rule" else name}
+    words = {"name": name, "group": ENTRY_POINT_GROUPS[kind], "object": "RULE" if kind == "rule" else name}
     return {
         file: Template((skeletons / f"{skeleton}.txt").read_text(encoding="utf-8")).substitute(words)
         for file, skeleton in (

@@ -15,8 +15,8 @@ from common.command_options import sub_verbs
 from common.config import Scene, scene_files
 from common.errors import BadInput
 from deploy.security.issuing import (
-    FOLDER,
     REGISTER,
+    SECURE_FOLDER,
     Authority,
     create_authority,
     open_authority,
@@ -198,7 +198,7 @@ def _open(files: Sequence[Path], to: Path | None) -> Authority:
 
 
 def _folder(files: Sequence[Path], to: Path | None) -> Path:
-    return to or next(scene_files(files)).parent / FOLDER
+    return to or next(scene_files(files)).parent / SECURE_FOLDER
 
 
 def _words(files: Sequence[Path]) -> str:

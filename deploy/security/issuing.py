@@ -23,7 +23,7 @@ from deploy.security.register import IssuedCertificate, Register, Roles
 from deploy.security.router_config import listening, router_config
 
 AUTHORITY_KEY, REGISTER, ROUTER, LOCK = "ca-key.pem", "register.json", "router.json5", "lock"
-FOLDER = "secure"
+SECURE_FOLDER = "secure"
 """The authority's folder, beside the scene file."""
 
 

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 Flow = Literal["ingress", "egress"]
 Rule = dict[str, Any]
 
-ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^/\[\]]+):(?P<port>\d+)(?P<more>[#?].*)?\Z")
-HEAD = """\
+ROUTER_ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^/\[\]]+):(?P<port>\d+)(?P<more>[#?].*)?\Z")
+ROUTER_HEAD = """\
 // The router of {scenes}, made by labanmesh secure; do not edit: it is written anew at each change.
 // labanmesh router --config FILE, or zenohd --config FILE
 """
@@ -62,7 +62,7 @@ def router_config(
     if register is not None:
         tree["access_control"] = access_rules(scenes, register)
     names = ", ".join(scene.scene for scene in scenes)
-    return HEAD.format(scenes=f"scene{'s' * (len(scenes) > 1)} {names}") + json.dumps(tree, indent=1) + "\n"
+    return ROUTER_HEAD.format(scenes=f"scene{'s' * (len(scenes) > 1)} {names}") + json.dumps(tree, indent=1) + "\n"
 
 
 def _fitting(scenes: Sequence["Scene"]) -> dict[str, Any]:
@@ -191,7 +191,7 @@ def listening(endpoint: str) -> str:
 
     A machine's own name often stands for its loopback interface alone, where no other machine would find it.
     """
-    parts = ENDPOINT.match(endpoint)
+    parts = ROUTER_ENDPOINT.match(endpoint)
     if parts is None or _is_number(parts["host"]):
         return endpoint
     return f"{parts['protocol']}/0.0.0.0:{parts['port']}{parts['more'] or ''}"
@@ -199,7 +199,7 @@ def listening(endpoint: str) -> str:
 
 def host_of(endpoint: str) -> str:
     """The host in `PROTOCOL/HOST:PORT`, without brackets; "" if there is none."""
-    parts = ENDPOINT.match(endpoint)
+    parts = ROUTER_ENDPOINT.match(endpoint)
     return parts["host"].strip("[]") if parts else ""
 
 

@@ -25,7 +25,7 @@ from common.link import Link
 from common.notify import Notifier
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, nested, settings
 from deploy.doctor.network import exposure
-from deploy.security.issuing import FOLDER, REGISTER, read_register, read_scenes
+from deploy.security.issuing import REGISTER, SECURE_FOLDER, read_register, read_scenes
 from deploy.security.router_config import listening, router_config
 
 FileStamp = tuple[int, int, int] | None
@@ -113,7 +113,7 @@ def rules_of_scenes(paths: Sequence[Path], endpoint: str = "") -> RouterRules:
     """
     mesh = read_scenes(paths)[0].mesh
     source = ", ".join(map(str, paths))
-    register_file = next(scene_files(paths)).absolute().parent / FOLDER / REGISTER
+    register_file = next(scene_files(paths)).absolute().parent / SECURE_FOLDER / REGISTER
     folder = Path(mesh.credentials)
     credentials = [folder / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE)] if mesh.credentials else []
 

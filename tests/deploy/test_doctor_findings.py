@@ -12,7 +12,7 @@ from common.config_sections import ClipsConfig
 from common.credentials import Certificate
 from deploy.doctor.broker import BrokerFacts, broker_facts, check_broker
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
-from deploy.doctor.commands import COLOURS
+from deploy.doctor.commands import MARK_COLOURS
 from deploy.doctor.findings import (
     GROUPS,
     MARKS,
@@ -363,7 +363,7 @@ def test_the_page_has_marks_in_words_and_hides_nothing():
 
 
 def test_every_mark_has_a_colour():
-    assert tuple(COLOURS) == MARKS
+    assert tuple(MARK_COLOURS) == MARKS
 
 
 def test_the_page_of_the_docs_names_every_group():

@@ -12,7 +12,7 @@ from common import plugins
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from deploy.commands import jobs
-from deploy.new_package.commands import KINDS, new, package
+from deploy.new_package.commands import ENTRY_POINT_GROUPS, new, package
 
 ROOT = Path(__file__).parents[2]
 
@@ -35,7 +35,7 @@ def install(folder, kind, name):
 
 
 def test_each_kind_works_where_it_is_installed(tmp_path):
-    for kind in KINDS:
+    for kind in ENTRY_POINT_GROUPS:
         install(tmp_path, kind, f"my_{kind}")
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
     command = [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", tmp_path, tmp_path]

@@ -34,7 +34,7 @@ BROKER_TIMEOUT_S = 120.0
 SUPERVISOR_RETRY_S = 0.5
 PAGE = "0.0.0.0:8420"
 """The container's port, which config.yaml publishes; the page asks for a token."""
-ELSEWHERE = "elsewhere"
+OTHER_MACHINE = "elsewhere"
 """The source of a camera at another computer, which no process here opens."""
 Options = Mapping[str, Any]
 
@@ -97,7 +97,7 @@ def scene_text(name: str, cameras: Sequence[Mapping[str, str]]) -> str:
     text = f'scene = "{name}"\n[hub.mqtt]\nmovements = ["*"]\n'
     for camera in cameras:
         # A JSON string is a TOML string.
-        source = json.dumps(camera.get("source") or ELSEWHERE, ensure_ascii=False)
+        source = json.dumps(camera.get("source") or OTHER_MACHINE, ensure_ascii=False)
         text += f'[observers.{camera["name"]}]\nsource = {source}\nview = "camera"\n'
     return text
 
