@@ -23,7 +23,7 @@ from common import SECOND_NS
 from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.static_pages import StaticPages
 from observer.files import read_arrays, write_arrays
-from observer.motion.importers.florence3d import RATE_HZ
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.tracks import BODY_PARTS, Floats
 
 PAGE = "https://phone.test/"
@@ -71,9 +71,9 @@ def track(folder: Path, clips: Sequence[Clip], small: bool) -> None:
         page.route("**/*", lambda route: answer(route, pages))
         page.goto(PAGE)
         for clip in clips:
-            rows = page.evaluate(FIND, [encoded(clip), small, 1000 / RATE_HZ])
+            rows = page.evaluate(FIND, [encoded(clip), small, 1000 / FLORENCE_HZ])
             centres = np.array([[_centre(row[part]) for part in BODY_PARTS] for row in rows])
-            times_ns = np.arange(len(rows)) * round(SECOND_NS / RATE_HZ)
+            times_ns = np.arange(len(rows)) * round(SECOND_NS / FLORENCE_HZ)
             arrays = {"times_ns": times_ns, "centres": centres, "parts": np.array(BODY_PARTS)}
             write_arrays(folder / f"{clip.name}.npz", arrays, compressed=False)
         browser.close()

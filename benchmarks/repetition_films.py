@@ -26,7 +26,7 @@ from hub.counting.tally import RepetitionTally
 from observer.model.base import MovementModel, Onset
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive, Recording
-from observer.motion.importers.florence3d import RATE_HZ
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.resampler import Resampler
 from observer.tracks import Floats, Frame, Tracks
@@ -62,7 +62,7 @@ def counted(centres: Floats, model: MovementModel, label: str) -> int:
         return at_ns
 
     for n in range(len(centres)):
-        captured_ns = BEGIN_NS + round(n * SECOND_NS / RATE_HZ)
+        captured_ns = BEGIN_NS + round(n * SECOND_NS / FLORENCE_HZ)
         sent_ns = captured_ns + round(LATENCY_S * SECOND_NS)
         posterior = observer.step(Frame(captured_ns, np.empty(0)))
         engine.receive(OBSERVER, encoder.encode(posterior, captured_ns, sent_ns), sent_ns)

@@ -8,9 +8,9 @@ from observer.tracking.person_keeper import Detection
 from observer.tracks import Floats
 
 MARK = "@"
-TALL = 1.15
+TALL_EXTENTS = 1.15
 """A person is so much taller than what is between head and feet; as much shorter parts stand for a whole body."""
-LEAST = 3
+LEAST_PARTS = 3
 """Fewer parts are no person."""
 
 
@@ -36,7 +36,7 @@ def rows_of_people(recorded: Sequence[str]) -> tuple[tuple[str, ...], list[list[
 def detection_of(centres: Floats, whole: Floats) -> Detection | None:
     """The body whose parts are seen at `centres` (P, 2), NaN where not; None if these are too few. whole: (Q, 2) where
     its parts are, seen or not."""
-    if np.isfinite(centres).all(axis=1).sum() < LEAST:
+    if np.isfinite(centres).all(axis=1).sum() < LEAST_PARTS:
         return None
     u, v = (whole.min(axis=0) + whole.max(axis=0)) / 2
-    return Detection(centres, float(u), float(v), TALL * max(float(np.ptp(whole[:, 1])), 1e-9))
+    return Detection(centres, float(u), float(v), TALL_EXTENTS * max(float(np.ptp(whole[:, 1])), 1e-9))

@@ -32,7 +32,7 @@ PLAY_TIMEOUT_S = 60.0
 LOG_LOOK_S = 0.1
 """How often it looks whether the processes have ended before they published anything."""
 STOP_TIMEOUT_S = 10.0
-NEXT = (
+AFTER_DEMO = (
     """next, your own movements: labanmesh init, with your cameras; or labanmesh teach --rehearse, without a camera"""
 )
 
@@ -115,7 +115,7 @@ def demo(
             film_tracks(scene, PREVIEWED, files[-1], bar)
     print("written:", *files, scene, output / "log.txt", sep="\n  ")
     print(f"{note}\nto run it again: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
-    print(NEXT)
+    print(AFTER_DEMO)
     if traffic.timed_out:
         raise typer.Exit(1)
 

@@ -23,7 +23,7 @@ from studies.output_files import make_folder, write_text
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.trials import strung
 
-CORNERS = {
+DEMO_CORNERS = {
     "front-left": "yaw:315,pitch:20",
     "front-right": "yaw:35,pitch:25",
     "back-right": "yaw:135,pitch:45",
@@ -109,7 +109,7 @@ def write_demo(
     parts, stream = performance.learned.body_parts, replace(performance.stream, trial="demo")
     write_archive(folder / "performance.npz", MotionArchive(parts, (stream,)))
     learn = partial(_learn_corner, performance=performance, folder=folder)
-    run_parts(learn, list(CORNERS), cores(), partial(progress, "learning one model per corner"))
+    run_parts(learn, list(DEMO_CORNERS), cores(), partial(progress, "learning one model per corner"))
     scene = folder / "scene.toml"
     write_text(scene, _scene_file(performance, pixels), "--output")
     if not pixels:
@@ -117,14 +117,14 @@ def write_demo(
     _save_skin(performance, folder / "skin.npz")
     corners = [
         FilmedCorner(corner, parts, stream, view, folder / f"{corner}.mp4", seed=n)
-        for n, (corner, view) in enumerate(CORNERS.items())
+        for n, (corner, view) in enumerate(DEMO_CORNERS.items())
     ]
     return scene, film_performance(corners, scene, progress)
 
 
 def _learn_corner(corner: str, performance: Performance, folder: Path) -> None:
     provenance = {"archive": performance.title}
-    view = parse_view(CORNERS[corner])
+    view = parse_view(DEMO_CORNERS[corner])
     model = learn_view(performance.learned, view, performance.vocabulary, provenance=provenance)
     write_model(folder / f"{corner}.model", model)
 
@@ -161,9 +161,9 @@ def _scene_file(performance: Performance, pixels: bool) -> str:
         "",
         "[fusion]",
         # Two of four cameras see the performer from behind: the two that see the hands must be able to decide.
-        f"quorum = {len(CORNERS) // 2 if pixels else len(CORNERS) // 2 + 1}",
+        f"quorum = {len(DEMO_CORNERS) // 2 if pixels else len(DEMO_CORNERS) // 2 + 1}",
     ]
-    for corner, view in CORNERS.items():
+    for corner, view in DEMO_CORNERS.items():
         source = f"{corner}.mp4" if pixels else "performance.npz"
         lines += ["", f"[observers.{corner}]", f'source = "{source}"', f'view = "{view}"', f'model = "{corner}.model"']
         if pixels:

@@ -18,7 +18,7 @@ from studies.metrics import beside, confusion_table
 from studies.report import as_json
 from studies.report_text import resolved_pairs
 
-MOVEMENTS = ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", "nthrow")
+PAPER_MOVEMENTS = ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", "nthrow")
 """The paper's eight movements in the order of its tables."""
 
 
@@ -164,7 +164,7 @@ def as_text(results: Mapping[str, Sequence[ExperimentResult]]) -> str:
         for result in three:
             ours = confusion_table(np.array(result.figures["confusion"]), result.figures["labels"], f"{name}: ours")
             printed = result.experiment.table
-            theirs = confusion_table(printed.confusion, MOVEMENTS, f"the paper's {printed.title}")
+            theirs = confusion_table(printed.confusion, PAPER_MOVEMENTS, f"the paper's {printed.title}")
             parts.append(f"experiment {result.experiment.title}\n\n{beside(ours, theirs)}")
         parts.append(f"{name}, {resolved_pairs(three[-1].figures)}")
     return "\n\n".join([*parts, _rates(results)])

@@ -125,20 +125,20 @@ def _or_none(number: float | None, form: str, unit: str = "") -> str:
     return "none" if number is None else f"{number:{form}}{unit}"
 
 
-COLUMNS = ("f1", "precision", "recall", "false_alarms_per_minute", "abstentions_per_minute")
-HEAD = f"{'F1':>7}{'precision':>11}{'recall':>8}{'false/min':>11}{'abstained/min':>15}"
+STREAM_COLUMNS = ("f1", "precision", "recall", "false_alarms_per_minute", "abstentions_per_minute")
+STREAM_HEAD = f"{'F1':>7}{'precision':>11}{'recall':>8}{'false/min':>11}{'abstained/min':>15}"
 
 
 def _cells(row: dict[str, Any], suffix: str = "") -> str:
-    """One row of COLUMNS."""
-    cells = zip((7, 11, 8, 11, 15), COLUMNS, (3, 3, 3, 2, 2), strict=True)
+    """One row of STREAM_COLUMNS."""
+    cells = zip((7, 11, 8, 11, 15), STREAM_COLUMNS, (3, 3, 3, 2, 2), strict=True)
     return "".join(f"{row[name + suffix]:>{width}.{digits}f}" for width, name, digits in cells)
 
 
 def _by_word(stream: dict[str, Any]) -> list[str]:
     note = "false/min: verdicts that name a movement, a minute of other motion; abstained/min: a minute of all"
     rows = [f"{'first word':<11}{_cells(stream)}", f"{'last word':<11}{_cells(stream, '_last_word')}"]
-    return [f"{'':<11}{HEAD}", *rows, note]
+    return [f"{'':<11}{STREAM_HEAD}", *rows, note]
 
 
 def _by_person(people: dict[str, dict[str, Any]]) -> list[str]:
@@ -147,7 +147,7 @@ def _by_person(people: dict[str, dict[str, Any]]) -> list[str]:
         f"{name:<{width}}{_cells(row)}{_or_none(row['median_latency_s'], '.2f', ' s'):>10}"
         for name, row in people.items()
     )
-    return [f"{'by first word':<{width}}{HEAD}{'latency':>10}", *rows]
+    return [f"{'by first word':<{width}}{STREAM_HEAD}{'latency':>10}", *rows]
 
 
 def _other_motion(other: dict[str, Any]) -> list[str]:

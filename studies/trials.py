@@ -11,16 +11,16 @@ from common.text import split_list
 from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
-from observer.motion.importers.msr_action3d import LABELS
+from observer.motion.importers.msr_action3d import MSR_LABELS
 from observer.stillness import OF_JERKS, QUIET_SHARE
 from observer.tracks import BODY_PARTS
 from studies.room import NOISE_M, RoomEvent, before_trial
 
 SLOWEST, FASTEST = 0.6, 1.7
-IDLE_S = (0.5, 2.0)
+STANDING_S = (0.5, 2.0)
 IDLE_NOISE_M = NOISE_M
 BETWEEN_S = (1.0, 2.5)
-OTHERS = "others"
+UNLEARNED_OTHERS = "others"
 Labels = tuple[str, ...]
 
 
@@ -138,7 +138,7 @@ def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.
     # Uniform in the logarithm, so that slower and faster are equally frequent.
     tempo = float(np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST))))
     moving = retime(recording, tempo).positions
-    shortest, longest = (round(s * recording.rate_hz) for s in IDLE_S)
+    shortest, longest = (round(s * recording.rate_hz) for s in STANDING_S)
     before, after = (int(n) for n in rng.integers(shortest, longest, size=2, endpoint=True))
     still = np.concatenate([np.repeat(moving[:1], before, axis=0), np.repeat(moving[-1:], after, axis=0)])
     still = (still + rng.normal(0, _trembling(moving), still.shape)).astype(np.float32)
@@ -201,7 +201,11 @@ def unlearned_and_background(
     and unlearned.
     """
     chosen = _background(background)
-    shown = tuple(m for m in known if m not in learned) if unlearned == OTHERS else split_list("--unlearned", unlearned)
+    shown = (
+        tuple(m for m in known if m not in learned)
+        if unlearned == UNLEARNED_OTHERS
+        else split_list("--unlearned", unlearned)
+    )
     _require_apart("--unlearned", shown, learned)
     if isinstance(chosen, int):
         chosen = _drawn(chosen, shown, seed)
@@ -209,7 +213,7 @@ def unlearned_and_background(
     if chosen is None:
         return shown, None
     _require_apart("--background-labels", chosen, learned)
-    if unlearned == OTHERS:
+    if unlearned == UNLEARNED_OTHERS:
         return tuple(m for m in shown if m not in chosen), chosen
     for label in shown:
         if label in chosen:
@@ -242,7 +246,7 @@ def _require_apart(option: str, labels: Sequence[str], learned: Sequence[str]) -
 
 
 def _numbered(*numbers: int) -> Labels:
-    return tuple(LABELS[number - 1] for number in numbers)
+    return tuple(MSR_LABELS[number - 1] for number in numbers)
 
 
 SUBSETS: Mapping[str, Labels] = {

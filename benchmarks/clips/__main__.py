@@ -24,7 +24,7 @@ from common.errors import LabanmeshError
 from common.text import named_numbers, split_list
 from observer.model.base import MovementModel
 from observer.model.registry import DEFAULT_MODEL
-from observer.motion.importers.florence3d import RATE_HZ
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS
 
@@ -68,7 +68,7 @@ class ClipsOptions:
     labels: Annotated[str, typer.Option(help="all nine movements; the four that the clips show; or A,B.")] = ALL
     background: Annotated[str, typer.Option(help="Archives of something else, separated by commas; or: blends.")] = ""
     view: Annotated[str, typer.Option(help="Of the 16 clips: camera (the known one), or door.")] = "camera"
-    rate: Annotated[float, typer.Option(help="Pictures per second at which the 16 clips are played.")] = RATE_HZ
+    rate: Annotated[float, typer.Option(help="Pictures per second at which the 16 clips are played.")] = FLORENCE_HZ
     fusion: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of [fusion]; may be repeated.")] = None
     only: Annotated[str, typer.Option(help="Names of films, separated by commas; default: all 18.")] = ""
     tracks: Annotated[Path, typer.Option(help="Folder of the tracks; those missing are written there.")] = TRACKS
@@ -142,7 +142,7 @@ def _cases(playing: Playing, only: Sequence[str] = ()) -> Iterator[Case]:
     # The camera of the webcam's films is not known; the person faces it.
     for clip in webcam_clips(playing.data):
         if not only or clip.name in only:
-            yield Case(clip, playing.learning.model("", "door"), "door", RATE_HZ)
+            yield Case(clip, playing.learning.model("", "door"), "door", FLORENCE_HZ)
 
 
 def _films(playing: Playing, options: ClipsOptions) -> None:
@@ -190,8 +190,8 @@ def _recordings(playing: Playing) -> Iterator[ClipResult]:
 def _still_films(playing: Playing) -> Iterator[ClipResult]:
     for case in _cases(playing):
         for share in SHARES:
-            centres = frozen_film(case.clip, share, RATE_HZ, playing.tracks)
-            yield judge(f"{case.clip.name} {share:.0%}", "", centres, RATE_HZ, case.model, playing.config)
+            centres = frozen_film(case.clip, share, FLORENCE_HZ, playing.tracks)
+            yield judge(f"{case.clip.name} {share:.0%}", "", centres, FLORENCE_HZ, case.model, playing.config)
 
 
 def _still_recordings(playing: Playing) -> Iterator[ClipResult]:
@@ -199,13 +199,13 @@ def _still_recordings(playing: Playing) -> Iterator[ClipResult]:
         model = playing.learning.model(recording.subject, playing.view)
         for share in SHARES:
             centres = frozen_recording(recording, share, playing.view, n)
-            yield judge(f"{recording.label} {share:.0%}", "", centres, RATE_HZ, model, playing.config)
+            yield judge(f"{recording.label} {share:.0%}", "", centres, FLORENCE_HZ, model, playing.config)
 
 
 def _variants(playing: Playing, clip: Clip) -> Iterator[ClipResult]:
     centres, model = centres_in(clip, playing.tracks), playing.learning.model("", "door")
     for variant in variants():
-        shown, rate_hz = variant.apply(centres, RATE_HZ)
+        shown, rate_hz = variant.apply(centres, FLORENCE_HZ)
         yield judge(f"{clip.name} {variant}", clip.label, shown, rate_hz, model, playing.config)
 
 

@@ -16,7 +16,7 @@ from observer.files import read_arrays, write_arrays
 from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive
-from observer.motion.importers.florence3d import RATE_HZ, import_folder
+from observer.motion.importers.florence3d import FLORENCE_HZ, import_folder
 from observer.runtime.scene_inputs import UnmirroredSource
 from observer.tracks import BODY_PARTS, Floats, Frame
 from studies.sensors import with_parts
@@ -80,7 +80,7 @@ def write_clip_camera(path: Path) -> None:
 def centres_in(clip: Clip, folder: Path) -> Floats:
     """(F, 3, 2) px, what the mediapipe tracker finds in the clip, from NAME.npz in `folder`; see `track_pictures`."""
     scale = "" if clip.scale == 1.0 else f"_{clip.scale:.3g}"
-    return track_pictures(lambda: pictures_of(clip), RATE_HZ, folder / f"{clip.name}{scale}.npz")
+    return track_pictures(lambda: pictures_of(clip), FLORENCE_HZ, folder / f"{clip.name}{scale}.npz")
 
 
 def pictures_of(clip: Clip) -> Iterator[Picture]:

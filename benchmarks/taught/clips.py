@@ -16,7 +16,7 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.even_rate import at_even_rate
-from observer.motion.importers.florence3d import RATE_HZ
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.tracks import BODY_PARTS, Floats
 
 CAMERA = "films"
@@ -47,9 +47,9 @@ def _judged(clip: Clip, centres: Floats, films: dict[str, tuple[Clip, Floats]], 
     archive = MotionArchive(BODY_PARTS, others, TracksCamera(CAMERA, (640, 480)))
     labels = tuple(dict.fromkeys(take.label for take in others))
     model = teaching.models({CAMERA: archive}, labels)[CAMERA]
-    return judge(clip.name, clip.label, centres, RATE_HZ, model, FusionConfig())
+    return judge(clip.name, clip.label, centres, FLORENCE_HZ, model, FusionConfig())
 
 
 def _take(clip: Clip, centres: Floats) -> Recording:
-    at_ns = np.round(np.arange(len(centres)) * SECOND_NS / RATE_HZ).astype(np.int64)
+    at_ns = np.round(np.arange(len(centres)) * SECOND_NS / FLORENCE_HZ).astype(np.int64)
     return Recording(at_even_rate(at_ns, centres, LEARNED_HZ), LEARNED_HZ, clip.label, clip.subject, clip.name)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from observer.calibration.detection import CameraDetections
     from observer.calibration.parameters import FittedLens
 
-ALL = "all.opencv.toml"
+ALL_CAMERAS = "all.opencv.toml"
 """Written beside the camera files: all cameras with intrinsics and extrinsics, for OpenCV, Pose2Sim and --read."""
 
 
@@ -175,5 +175,5 @@ def _write(output: Path, cameras: Sequence["CalibratedCamera"]) -> None:
         error_px = "unknown" if c.error_px is None else f"{c.error_px:.2f}"
         lens = f"{c.K[0, 0]:6.0f} {c.K[1, 1]:6.0f} {c.K[0, 2]:6.0f} {c.K[1, 2]:6.0f}"
         typer.echo(f"{c.name:<16} {lens}  {position}   {error_px:>8}")
-    write_opencv(output / ALL, list(cameras))
-    typer.echo(f"{output}: {plural(len(cameras), 'camera file')}, and all cameras in {ALL}")
+    write_opencv(output / ALL_CAMERAS, list(cameras))
+    typer.echo(f"{output}: {plural(len(cameras), 'camera file')}, and all cameras in {ALL_CAMERAS}")

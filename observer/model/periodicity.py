@@ -21,7 +21,7 @@ COMPARED_PERIODS = 2
 stroke are not periodic yet."""
 LEAST_CORRELATION = 0.6
 """Of a periodic take. In kinder_gator, karate and MSR Action3D single strokes have .0 to .5, repetitions .6 to 1."""
-SMALLEST = 0.06
+HELD_POSE_SIZES = 0.06
 """Body sizes, root mean square of all parts together: what people who hold a pose do not exceed (.03 to .06)."""
 NEARLY_HIGHEST = 0.9
 """The first peak that is nearly the highest tells the period: those after it tell its multiples."""
@@ -87,7 +87,7 @@ def _at_lag(postures: Floats, lag: int) -> Period:
     squares = squares[:-lag] + squares[lag:]
     compared = COMPARED_PERIODS * lag
     alike, energy = _sums_over(products, compared), _sums_over(squares, compared)
-    least = compared * max(float(squares.mean()) / 2, 2 * SMALLEST**2)
+    least = compared * max(float(squares.mean()) / 2, 2 * HELD_POSE_SIZES**2)
     r = alike / np.maximum(energy, least)
     begin = int(r.argmax())
     return Period(lag, float(r[begin]), begin, begin + compared + lag)
@@ -146,7 +146,7 @@ def _sense(places: Sequence[Floats]) -> Floats:
     beyond = np.zeros(places[0].shape[1])
     for each in places:
         low, high = each.min(axis=0), each.max(axis=0)
-        beyond += ((low + high) - (each[0] + each[-1])) / np.maximum(high - low, SMALLEST)
+        beyond += ((low + high) - (each[0] + each[-1])) / np.maximum(high - low, HELD_POSE_SIZES)
     return np.where(beyond < 0, -1.0, 1.0)
 
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.text import nearest
 
-LABEL_RULE = "lower case letters, digits and underscores only"
-_LABEL = re.compile(r"[a-z0-9_]*\Z")
+ARCHIVE_LABEL_RULE = "lower case letters, digits and underscores only"
+_ARCHIVE_LABEL = re.compile(r"[a-z0-9_]*\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class MotionArchive:
 
 def is_label(text: str) -> bool:
     """Whether `text` may name a movement: [a-z0-9_]*; the empty label of a continuous recording included."""
-    return _LABEL.match(text) is not None
+    return _ARCHIVE_LABEL.match(text) is not None
 
 
 def clean_label(text: str) -> str:
@@ -112,7 +112,7 @@ def check_recording(recording: Recording, parts: int, place: str, axes: int = 3)
     if not LOWEST_RATE_HZ <= recording.rate_hz <= HIGHEST_RATE_HZ:
         raise BadInput(f"{place}: rate_hz = {recording.rate_hz}: a positive, finite rate up to 1e5 Hz is expected")
     if not is_label(recording.label):
-        raise BadInput(f"{place}: label {recording.label!r}: {LABEL_RULE}")
+        raise BadInput(f"{place}: label {recording.label!r}: {ARCHIVE_LABEL_RULE}")
     for name, text in (("subject", recording.subject), ("trial", recording.trial)):
         if not text.isprintable():
             raise BadInput(f"{place}: {name} {text!r}: printable characters are expected")
@@ -144,7 +144,7 @@ def _check_spans(spans: tuple[Span, ...], length: int, place: str) -> None:
     for number, span in enumerate(spans):
         where = f"{place}: span {number}"
         if not span.label or not is_label(span.label):
-            raise BadInput(f"{where}: label {span.label!r}: a movement's name is expected, {LABEL_RULE}")
+            raise BadInput(f"{where}: label {span.label!r}: a movement's name is expected, {ARCHIVE_LABEL_RULE}")
         if not 0 <= span.start < span.end <= length:
             raise BadInput(f"{where}: frames {span.start} to {span.end}: 0 <= start < end <= {length} is expected")
         if span.start < free_from:

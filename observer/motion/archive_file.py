@@ -28,7 +28,7 @@ from observer.motion.even_rate import at_even_rate, spans_at_even_rate
 Arrays = dict[str, NDArray[Any]]
 
 POSITIONS, TRACKS, CAMERA, PICTURE_SIZE, TIMES = "positions", "tracks", "camera", "picture_size", "times_s"
-_NEEDED = ("lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
+_NEEDED_ARRAYS = ("lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
 _SPANS = ("span_recording", "span_start", "span_end", "span_label")
 _DTYPES = {
     **dict.fromkeys((POSITIONS, TRACKS), "float32"),
@@ -36,9 +36,9 @@ _DTYPES = {
     **dict.fromkeys(("lengths", PICTURE_SIZE, *_SPANS[:3]), "int64"),
 }
 """All other arrays contain text."""
-_AXES = {POSITIONS: 3, TRACKS: 2}
+_LAST_AXIS = {POSITIONS: 3, TRACKS: 2}
 MOST_FRAMES = 10_000_000
-LONGEST_S = 86400.0
+LONGEST_RECORDING_S = 86400.0
 """Of a recording with times: longer ones would hide a wrong unit, and take all memory at an even rate."""
 
 
@@ -86,7 +86,7 @@ def _at_even_rate(path: Path, recordings: tuple[Recording, ...], times_s: NDArra
     for number, recording in enumerate(recordings):
         end = begin + len(recording.positions)
         at_s = times_s[begin:end] - times_s[begin]
-        rising = np.isfinite(at_s).all() and (np.diff(at_s) > 0).all() and at_s[-1] < LONGEST_S
+        rising = np.isfinite(at_s).all() and (np.diff(at_s) > 0).all() and at_s[-1] < LONGEST_RECORDING_S
         rate_fits = LOWEST_RATE_HZ <= recording.rate_hz <= HIGHEST_RATE_HZ
         if not (rising and rate_fits and at_s[-1] * recording.rate_hz <= MOST_FRAMES):
             raise BadInput(
@@ -159,12 +159,12 @@ def _check_is_zip(path: Path) -> None:
 
 
 def _names(path: Path, present: set[str]) -> tuple[str, ...]:
-    if present.issuperset(_AXES):
+    if present.issuperset(_LAST_AXIS):
         raise BadInput(
             f"{path}: has {POSITIONS} and {TRACKS}: one of them is expected, 3-D or the tracks of one camera"
         )
     content = TRACKS if TRACKS in present else POSITIONS
-    wanted = (content, *_NEEDED) + (_SPANS if present.intersection(_SPANS) else ())
+    wanted = (content, *_NEEDED_ARRAYS) + (_SPANS if present.intersection(_SPANS) else ())
     missing = [name for name in wanted if name not in present]
     if missing:
         raise BadInput(f"{path}: array {missing[0]} is missing; expected: {', '.join(wanted)}")
@@ -190,7 +190,7 @@ def _check_shapes(path: Path, arrays: Arrays) -> None:
         expected["rate_hz"] = (count,)
     content = _content_of(arrays)
     frames = arrays[content].shape[0] if arrays[content].ndim else 0
-    expected[content] = (frames, arrays["body_parts"].size, _AXES[content])
+    expected[content] = (frames, arrays["body_parts"].size, _LAST_AXIS[content])
     expected |= {
         name: shape for name, shape in ((CAMERA, ()), (PICTURE_SIZE, (2,)), (TIMES, (frames,))) if name in arrays
     }

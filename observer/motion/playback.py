@@ -17,9 +17,9 @@ Clock = Callable[[], int]
 Start = int | Callable[[threading.Event], int] | None
 """When playback begins: Unix epoch, ns; or a function that waits until the others are ready and returns that, and ends
 soon when the event is set; or None for now."""
-REPEAT_S = 0.09
+FRAME_REPEAT_S = 0.09
 """In slow motion a frame is repeated so often: its posterior stays as new as that of a camera of 10 Hz."""
-LATE_S = 0.1
+FRAME_LATE_S = 0.1
 """After a short stall an observer catches up without a loss; frames later than this are skipped if newer ones are
 due."""
 NEVER_NS = 10**9 * SECOND_NS
@@ -31,7 +31,7 @@ LONGEST_WAIT_S = 3600.0
 class FrameSkipper:
     """Decides which frames a source leaves out for an observer that is too slow, so that it stays current.
 
-    1. Late frames are delivered while the delay is at most LATE_S: the observer catches up by itself.
+    1. Late frames are delivered while the delay is at most FRAME_LATE_S: the observer catches up by itself.
     2. After a longer delay each frame that a newer one has overtaken is skipped: the observer gets the newest.
     3. That ends when the observer has to wait for a frame.
     """
@@ -47,7 +47,7 @@ class FrameSkipper:
         """
         if due_ns > asked_ns:
             self._behind = False
-        elif asked_ns - due_ns > LATE_S * SECOND_NS:
+        elif asked_ns - due_ns > FRAME_LATE_S * SECOND_NS:
             self._behind = True
         skipped = self._behind and overtaken
         self._skipped += skipped
@@ -96,7 +96,7 @@ class FramePlayer:
         frame = self._last
         if frame is None or frame.last or not (self.repeats and 0 < self.speed < 1):
             return
-        step_ns = round(REPEAT_S * SECOND_NS)
+        step_ns = round(FRAME_REPEAT_S * SECOND_NS)
         at_ns = frame.captured_ns + step_ns
         while at_ns + step_ns // 2 < due_ns and self._wait_until(at_ns) is not None:
             yield replace(frame, captured_ns=at_ns, repeated=True, skipped=0)

@@ -163,10 +163,10 @@ RING_PX = 14
 DASHES = 8
 """Number of dashes of an unsure part's ring."""
 BLACK: Colour = (0, 0, 0)
-LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("shoulder", "hip"), ("hip", "knee"), ("knee", "foot"))
+DRAWN_LIMBS = (("shoulder", "elbow"), ("elbow", "hand"), ("shoulder", "hip"), ("hip", "knee"), ("knee", "foot"))
 BONES = (
     *(("head", "neck"), ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")),
-    *((f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right") for upper, lower in LIMBS),
+    *((f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right") for upper, lower in DRAWN_LIMBS),
 )
 """Lines of the skeleton, drawn between parts that are both seen."""
 FOLLOWED, OTHER = STATE_COLOUR[State.SEEN], (190, 190, 190)

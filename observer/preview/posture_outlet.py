@@ -17,7 +17,7 @@ from observer.tracks import Floats
 HEARTBEAT_NS = SECOND_NS // 2
 MOST_CHANGE = 0.05
 """The evidence is published when it has changed by so much, and every HEARTBEAT_NS."""
-ONE = ""
+THE_PERSON = ""
 """The track of an observer that follows one person."""
 HIPS = ("left_hip", "right_hip", "pelvis")
 CANNOT_TELL = (
@@ -54,7 +54,7 @@ class PostureOutlet:
             return
         tracks = sighting.tracks
         several = {str(person.id): person.centres for person in tracks.persons}
-        lying = self._lying(several or {ONE: tracks.centres}, sighting)
+        lying = self._lying(several or {THE_PERSON: tracks.centres}, sighting)
         changed = lying.keys() != self._sent.keys() or any(
             abs(p - self._sent[track]) >= MOST_CHANGE for track, p in lying.items()
         )

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, is_label
+from observer.motion.archive import ARCHIVE_LABEL_RULE, MotionArchive, Recording, is_label
 from observer.recording.own_tracks import shares_text
 from observer.recording.reconstructed_parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
@@ -37,7 +37,7 @@ def with_trial(blank: Recording, archive: MotionArchive | None, body_parts: tupl
     has, and for an invalid label or subject.
     """
     if not is_label(blank.label):
-        raise BadInput(f"--label {blank.label!r}: {LABEL_RULE}")
+        raise BadInput(f"--label {blank.label!r}: {ARCHIVE_LABEL_RULE}")
     if not blank.subject.strip() or not blank.subject.isprintable():
         raise BadInput(f"--subject {blank.subject!r}: the performer's name in printable characters is expected")
     if archive is None:

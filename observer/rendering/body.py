@@ -19,7 +19,7 @@ LEG, TRUNK, NECK, HALF_SHOULDERS, HALF_HIPS = 0.530, 0.288, 0.118, 0.115, 0.052
 UPPER_ARM, FOREARM, THIGH, SHIN, ANKLE = 0.186, 0.200, 0.245, 0.246, 0.045
 HEAD_CENTRE = LEG + TRUNK + NECK
 
-USUAL_HEIGHT, SMALLEST, TALLEST = 1.72, 1.45, 1.95
+USUAL_HEIGHT, SHORTEST, TALLEST = 1.72, 1.45, 1.95
 HANGING_HAND_SHARE = 0.5
 """Distance of a hanging hand below the head, share of the height: .47 by the segments, .54 in MSR Action3D."""
 LONGEST_STRIDE = 0.45
@@ -97,7 +97,7 @@ def _height(places: Floats) -> float:
     below = below[np.isfinite(below)]
     furthest = float(np.quantile(below, 0.95)) if len(below) else 0.0
     # Hands that are never lowered do not reveal the height.
-    return float(np.clip(furthest / HANGING_HAND_SHARE, SMALLEST, TALLEST)) if furthest > 0.55 else USUAL_HEIGHT
+    return float(np.clip(furthest / HANGING_HAND_SHARE, SHORTEST, TALLEST)) if furthest > 0.55 else USUAL_HEIGHT
 
 
 def pose(positions: Floats, standing: Stature) -> BodyPose | None:

@@ -100,7 +100,7 @@ class Renderer:
 
 DISTANCE = 3.5
 """Metres from the camera to the middle of the performer."""
-FOCAL = 1.35
+FOCAL_HEIGHTS = 1.35
 """Focal length in picture heights: from DISTANCE it shows 2.6 m, a person with raised hands."""
 PERFECT = Scenery()
 """A plain wall, a perfect camera, steady light."""
@@ -115,7 +115,7 @@ def aimed_matrix(view: View, standing: Stature, size_px: tuple[int, int] = (640,
         return view.matrix
     yaw_rad, pitch_rad = _direction(view.matrix)
     centre_px = ((size_px[0] - 1) / 2, (size_px[1] - 1) / 2)
-    return pinhole_matrix(yaw_rad, pitch_rad, DISTANCE, FOCAL * size_px[1], centre_px, tuple(standing.middle))
+    return pinhole_matrix(yaw_rad, pitch_rad, DISTANCE, FOCAL_HEIGHTS * size_px[1], centre_px, tuple(standing.middle))
 
 
 def _direction(parallel: Floats) -> tuple[float, float]:

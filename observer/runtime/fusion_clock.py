@@ -11,7 +11,7 @@ from common.message_types import STANDING_BY
 
 SILENT_NS = round(3 * QUERY_EVERY_S * SECOND_NS)
 """An owner that has answered nothing for so long has gone: three questions."""
-SERVICES_LIMIT = 16
+CLOCKS_LIMIT = 16
 """Estimates that are kept; a scene has two or three services."""
 
 
@@ -34,7 +34,7 @@ class FusionClock:
                 self._owner = "" if self._owner == status.id else self._owner
             elif status.id == self._owner or self._is_silent(reading.answered_ns):
                 self._owner, self._owner_answered_ns = status.id, reading.answered_ns
-        while len(self._skews) > SERVICES_LIMIT:
+        while len(self._skews) > CLOCKS_LIMIT:
             del self._skews[next(name for name in self._skews if name != self._owner)]
         ahead_s = self._skews[self._owner].skew_s if self._owner else None
         return None if ahead_s is None else -ahead_s

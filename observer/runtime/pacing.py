@@ -26,7 +26,7 @@ of an empty room. With reading and publishing the process stays below half a cor
 LEAST_IDLE_HZ, MOST_EMPTY_HZ, LEAST_EMPTY_HZ = 2.0, 2.0, 0.05
 STILL_S, STILL = 1.0, 0.12
 """A person is still whose parts stayed this long within this share of the distance between their farthest parts."""
-LEAST_PX = 2.0
+STILL_PX = 2.0
 """Tracks that stay within so many pixels are still, whatever the distance."""
 LOST_S, NOBODY_S = 2.0, 6.0
 """A person who is hidden for less than the first is searched at full rate. The second is longer than a tracker takes to
@@ -152,4 +152,4 @@ def is_still(places: Floats) -> bool:
     middles = (most + least) / 2
     size = max((float(np.hypot(*(one - other))) for n, one in enumerate(middles) for other in middles[:n]), default=0.0)
     ways = np.hypot(*(most - least).T)
-    return bool(ways.max() <= max(STILL * size, LEAST_PX))
+    return bool(ways.max() <= max(STILL * size, STILL_PX))

@@ -17,9 +17,9 @@ from observer.runtime.pipeline import Observer, Posterior
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracks import Floats, Frame, PersonTracks, Tracker, Tracks
 
-BODY_M = 1.7
+BODY_HEIGHT_M = 1.7
 """Height of a person whose distance from a camera of unknown place follows from their size in its picture."""
-FOCAL = 1000.0
+USUAL_FOCAL_PX = 1000.0
 """The focal length of tracks without a picture, in their unit: only changes of their size matter."""
 SIZE_SPREAD, ASIDE_M = 0.15, 0.1
 """Standard deviations of that distance, as a share, and of the place to the side."""
@@ -46,8 +46,8 @@ class FloorPlacer:
 
 def _by_size(person: PersonTracks, width_px: int) -> FloorPlace:
     """As a camera at (0, 0) sees it that looks along z with a field of view of 53 degrees; x to the picture's left."""
-    focal_px = float(width_px or FOCAL)
-    z = focal_px * BODY_M / person.height
+    focal_px = float(width_px or USUAL_FOCAL_PX)
+    z = focal_px * BODY_HEIGHT_M / person.height
     tangent = (width_px / 2 - person.u) / focal_px
     along = (SIZE_SPREAD * z) ** 2
     xx, xz, zz = along * tangent**2 + ASIDE_M**2, along * tangent, along + ASIDE_M**2

@@ -23,9 +23,9 @@ BARRIER = "LABANMESH_PLAYBACK_MEETING"
 """Environment variable: the folder."""
 AHEAD_S = 0.3
 """From the moment at which the last one is ready to the begin: all others have noticed it by then."""
-TIMEOUT_S = 60.0
+BARRIER_TIMEOUT_S = 60.0
 """Longest time for which an observer that is ready waits for the others."""
-CHECK_S = 0.03
+BARRIER_CHECK_S = 0.03
 BEGIN = "begin"
 
 
@@ -40,7 +40,7 @@ class StartBarrier:
     observer: str
     earliest_ns: int = 0
     clock: Callable[[], int] = time.time_ns
-    timeout_s: float = TIMEOUT_S
+    timeout_s: float = BARRIER_TIMEOUT_S
 
     def __call__(self, stop: threading.Event) -> int:
         """The begin; as soon as possible if the folder is gone or `stop` is set."""
@@ -63,7 +63,7 @@ class StartBarrier:
                 self._agree()
             if (begin_ns := self._begin()) is not None:
                 return begin_ns
-            stop.wait(CHECK_S)
+            stop.wait(BARRIER_CHECK_S)
         return self.clock()
 
     def _missing(self) -> list[str]:

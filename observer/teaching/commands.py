@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from observer.teaching.model_learner import ModelLearner
     from observer.teaching.takes_file import TakesFile
 
-RUNS_S, LOOK_S = 1.0, 0.1
+RUNS_S, STOP_LOOK_S = 1.0, 0.1
 """An observer that runs is found within milliseconds. While a model is learned, Ctrl-C is looked for that often."""
 
 
@@ -130,7 +130,7 @@ def _learned(learner: "ModelLearner", labels: "Sequence[str]", stop: threading.E
     print("learning ...", flush=True)
     learner.learn(labels)
     while learner.busy:
-        if stop.wait(LOOK_S):
+        if stop.wait(STOP_LOOK_S):
             raise KeyboardInterrupt
     if learner.learned is None:
         raise LabanmeshError(f"{learner.fault}; nothing has changed")

@@ -13,7 +13,7 @@ FRAMES, PRESENT_S = 3, 0.13
 LEAP, SPEED = 1.2, 18.0
 """Farthest that a candidate may move between two frames, face widths; in frames that are rare, face widths per s: as
 far as that at 15 Hz, some 2.7 m/s."""
-MOVED = 0.3
+MOVED_SHARE = 0.3
 """Least share of a candidate's pixels that moved, in each of its frames: a lamp or a cupboard does not move."""
 
 
@@ -45,7 +45,7 @@ class HandAcquisition:
         candidates, reach = [], max(LEAP, SPEED * seconds) * face
         previous = list(self._candidates)
         for patch in patches:
-            if patch.moved < MOVED:
+            if patch.moved < MOVED_SHARE:
                 continue
             near = [c for c in previous if _distance(c.patch.centre, patch.centre) < reach]
             candidate = Candidate(patch)

@@ -244,9 +244,9 @@ class SkinBackground:
 
 NOISE_LEVELS = 12
 """Grey differences (0 to 255) below this are noise; the threshold rises where the whole picture flickers."""
-MEMORY_S = 3.0
+BACKGROUND_S = 3.0
 """Time constant of the background, s."""
-RESTING = 0.1
+BODY_RATE = 0.1
 """Body parts become background at this fraction of the rate, so that a hand may rest."""
 _SPREAD = np.ones((3, 3), np.uint8)
 
@@ -270,11 +270,11 @@ class ForegroundDetector:
             self._before, self._background = grey, grey.astype(np.float32)
         moved = _differs(grey, self._before)
         foreground = _differs(grey, cv2.convertScaleAbs(self._background))
-        rate, still = 1 - float(np.exp(-seconds / MEMORY_S)), np.full(grey.shape, 255, np.uint8)
+        rate, still = 1 - float(np.exp(-seconds / BACKGROUND_S)), np.full(grey.shape, 255, np.uint8)
         for centre, side in parts:
             cv2.circle(still, (int(centre[0]), int(centre[1])), max(int(side), 1), 0, -1)
-        cv2.accumulateWeighted(grey, self._background, (1 - RESTING) * rate, still)
-        cv2.accumulateWeighted(grey, self._background, RESTING * rate)
+        cv2.accumulateWeighted(grey, self._background, (1 - BODY_RATE) * rate, still)
+        cv2.accumulateWeighted(grey, self._background, BODY_RATE * rate)
         self._before = grey
         return moved, foreground
 

@@ -26,7 +26,7 @@ ADVISE_AFTER_S = 5.0
 """Time without a face before advice is given, and least time for which an advice stands."""
 DARK = 40.0
 """Mean of a picture (0 to 255) below which hues are noise."""
-COVERED = 0.2
+COVERED_SHARE = 0.2
 """If more of the picture has the colour of a face, the face is false or colour is no cue in this room."""
 NARROW_PX = 24.0
 """With a face narrower than this, a hand is about a dozen pixels wide."""
@@ -45,7 +45,7 @@ def explain_loss(lost_s: float, brightness: float, covered: float, face_px: floa
     lost = f"no face found for {ADVISE_AFTER_S:.0f} s"
     if brightness < DARK:
         return f'{lost}: the picture is dark (mean {brightness:.0f} of 255); add light, or use tracker = "mediapipe"'
-    if covered >= COVERED:
+    if covered >= COVERED_SHARE:
         share = f"skin colour covers {covered:.0%} of the picture"
         return f'{lost}: {share}; change the background, or use tracker = "mediapipe"'
     return f'{lost}: face the camera, come nearer, or use tracker = "mediapipe"'
@@ -68,9 +68,9 @@ class TrackingAdvice:
             self._stood_s = 0.0 if self.complaint else ADVISE_AFTER_S
 
 
-LEAST_PX = 16
+PICTURE_LEAST_PX = 16
 """Least width and height of a picture."""
-SHORT_SIDE = 240
+SEARCH_SIDE_PX = 240
 """Until a face is found, pictures are reduced to about this shorter side, px."""
 SIDEWAYS = 0.5
 """Cosine of the turn beyond which one hand hides the other: then left and right are not distinguished."""
@@ -116,7 +116,7 @@ class CamshiftTracker:
 
     def update(self, frame: Frame) -> Tracks:
         """Centres (3, 2) px in the newest picture, NaN for a part not seen; BadInput for a wrong shape or type."""
-        picture = require_picture(frame.content, LEAST_PX)
+        picture = require_picture(frame.content, PICTURE_LEAST_PX)
         seconds = 0.0 if self._before_ns is None else min(max((frame.at_ns - self._before_ns) / 1e9, 0.0), 1.0)
         self._before_ns = frame.at_ns
         self._hands.predict(seconds)
@@ -148,7 +148,7 @@ class CamshiftTracker:
     def _current_step(self, picture: Picture) -> int:
         """The reduction of the picture; kept while it about fits, since a new one starts the background over."""
         if self._head.face is None:
-            return max(1, int(min(picture.shape[:2])) // SHORT_SIDE)
+            return max(1, int(min(picture.shape[:2])) // SEARCH_SIDE_PX)
         wanted = step_for(self._head.face)
         if self._step is None or abs(wanted - self._step) > 0.4 * self._step:
             self._step = wanted
@@ -182,7 +182,7 @@ class CamshiftTracker:
         back = self._head.skin.back_project(picture)
         mass = float(back[y : y + h, x : x + w].sum()) / 255
         self._covered = cv2.countNonZero(cv2.threshold(back, SKIN, 255, cv2.THRESH_BINARY)[1]) / back.size
-        if mass > 0.1 * w * h and (marked or self._covered < COVERED):
+        if mass > 0.1 * w * h and (marked or self._covered < COVERED_SHARE):
             self._head_part.acquire(middle(box), mass, float(w))
             self._head_at = middle(box)
 

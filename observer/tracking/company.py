@@ -18,7 +18,7 @@ is seen and while that one is hidden; and at which somebody found is the followe
 ALONE_S, COMPANY_S, STIRRED_S, NEAR_S = 3.0, 0.5, 0.2, 0.1
 """Time between two searches for others: with nobody else, with somebody, when something moves beside the followed
 person or that person has moved, and with somebody near."""
-MOVED = 0.4
+MOVED_HEIGHTS = 0.4
 """Distance from the place of the last search from which the followed person has moved."""
 OTHER_S = 1.5
 """Others who are not found again for so long are gone."""
@@ -62,7 +62,7 @@ class Company:
         if self._looked is None:
             return True
         looked_ms, place = self._looked
-        stirred = stirred or place.distance(followed) > MOVED * followed.height
+        stirred = stirred or place.distance(followed) > MOVED_HEIGHTS * followed.height
         near = any(one.at(ms).distance(followed) < NEAR * followed.height for one in self.people)
         pause_s = NEAR_S if near else STIRRED_S if stirred else COMPANY_S if self.people else ALONE_S
         return ms - looked_ms >= 1000 * pause_s

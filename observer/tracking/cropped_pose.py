@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.tracking.people import CLEAR, HIPS, SHOULDERS, Body, Pose, Rgb, SearchArea
+from observer.tracking.people import CLEARLY_SEEN, HIPS, SHOULDERS, Body, Pose, Rgb, SearchArea
 from observer.tracking.pose import PoseModel
 from observer.tracks import Floats
 
@@ -16,7 +16,7 @@ ROOM = 2.0
 """Side of the square, of the person's height."""
 WHOLE = 0.75
 """Share of the picture's short side from which the whole picture is used instead."""
-TALL = 3.4
+TALL_TORSOS = 3.4
 """A standing person's height, of the distance from the hips to the shoulders."""
 FAINT = 0.2
 """Visibility below which a landmark does not count for the person's place."""
@@ -107,7 +107,7 @@ def body_of(landmarks: Floats, size: tuple[int, int]) -> Body:
     The height is the greatest of what the torso, the shoulders and the landmarks that are seen say.
     """
     px = landmarks[:, :2] * np.array(size, dtype=np.float64)
-    clear = landmarks[:, 2] >= CLEAR
+    clear = landmarks[:, 2] >= CLEARLY_SEEN
     if clear.sum() < 2:
         clear = landmarks[:, 2] >= FAINT
     if clear.sum() < 2:
@@ -118,7 +118,7 @@ def body_of(landmarks: Floats, size: tuple[int, int]) -> Body:
     torso = float(np.linalg.norm(shoulders.mean(axis=0) - hips.mean(axis=0))) if known else 0.0
     across = float(np.linalg.norm(shoulders[0] - shoulders[1]))
     u, v = hips.mean(axis=0) if known else px[clear].mean(axis=0)
-    return Body(float(u), float(v), max(float(extent.max()), TALL * torso, TALL * across, 1.0))
+    return Body(float(u), float(v), max(float(extent.max()), TALL_TORSOS * torso, TALL_TORSOS * across, 1.0))
 
 
 def _in_picture(landmarks: Floats, area: SearchArea, rgb: Rgb) -> Floats:

@@ -47,7 +47,7 @@ class FaceFinder:
 
 SKIN_SHORT_SIDE = 240
 """`topmost_skin` reduces pictures to this shorter side, px."""
-AREAS = (1 / 4000, 1 / 30)
+FACE_AREAS = (1 / 4000, 1 / 30)
 """Least and largest share of the picture that the skin of a head has."""
 MOST_PATCHES = 6
 """More patches than head, two hands, neck and feet: the background has the colour of skin."""
@@ -72,8 +72,8 @@ def topmost_skin(picture: Picture, skin: SkinHistogram, away: bool = False) -> B
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     count, _, stats, centres = cv2.connectedComponentsWithStats(mask)
     areas = stats[1:count, cv2.CC_STAT_AREA] / mask.size
-    large = [1 + int(i) for i in np.flatnonzero((areas >= AREAS[0]) & (areas <= AREAS[1]))]
-    if not large or len(large) > MOST_PATCHES or (areas > AREAS[1]).any():
+    large = [1 + int(i) for i in np.flatnonzero((areas >= FACE_AREAS[0]) & (areas <= FACE_AREAS[1]))]
+    if not large or len(large) > MOST_PATCHES or (areas > FACE_AREAS[1]).any():
         return None
     large.sort(key=lambda label: float(centres[label][1]))
     width = FACE_PER_ROOT["away" if away else "towards"] * float(np.sqrt(stats[large[0], cv2.CC_STAT_AREA]))
@@ -84,11 +84,11 @@ def topmost_skin(picture: Picture, skin: SkinHistogram, away: bool = False) -> B
     return round(x), round(y), round(side), round(side)
 
 
-SHORT_SIDE = 480
+FACE_SIDE_PX = 480
 """The cascade searches pictures reduced to this shorter side, px."""
 FOLLOWED_PX = 36
 """About a tracked head, the picture is reduced so that the face is this wide."""
-SMALLEST = 20
+LEAST_FACE_PX = 20
 """The narrowest face that the cascade knows, px."""
 FOLLOW_EVERY_S, SEARCH_EVERY_S = 0.3, 0.1
 """Interval of the cascade, the most expensive step, while a head is tracked and when it was just lost."""
@@ -157,7 +157,7 @@ class HeadTracker:
             return None
         self._since_search_s = 0.0
         if near is not None:
-            return self._face_near(picture, near, self.face or SMALLEST)
+            return self._face_near(picture, near, self.face or LEAST_FACE_PX)
         # The colour of skin takes a twentieth of the time that the cascade takes for the whole picture.
         box = self._by_skin(picture)
         if box is None:
@@ -173,7 +173,7 @@ class HeadTracker:
         """The face of about this width that is nearest to `near` (2,) px."""
         region = PixelRect.around(near, (1.2 * width, 1.2 * width), picture.shape)
         scale = max(1.0, width / FOLLOWED_PX)
-        boxes = self._detect(region.cut(picture), scale, max(int(0.7 * width / scale), SMALLEST))
+        boxes = self._detect(region.cut(picture), scale, max(int(0.7 * width / scale), LEAST_FACE_PX))
         fitting = [(x + region.x0, y + region.y0, w, h) for x, y, w, h in boxes if w < 1.6 * width]
         return min(fitting, key=lambda box: float(np.linalg.norm(middle(box) - near)), default=None)
 
@@ -181,13 +181,13 @@ class HeadTracker:
         """Faces in the whole picture when a search is due or one was just found, largest first; else none."""
         if self._away and self._given:
             return []  # a person of known skin colour seen from behind shows no face
-        scale = max(1.0, min(picture.shape[:2]) / SHORT_SIDE)
+        scale = max(1.0, min(picture.shape[:2]) / FACE_SIDE_PX)
         due = self._since_whole_s >= _interval_s(SEARCH_EVERY_S, self._headless_s) - 1e-6
         # The second look is at the whole picture too: at the place alone, more false faces are found twice.
         if not due and self._candidate is None:
             return []
         self._since_whole_s = 0.0
-        return self._detect(picture, scale, SMALLEST)
+        return self._detect(picture, scale, LEAST_FACE_PX)
 
     def _detect(self, picture: Picture, scale: float, smallest: int) -> list[Box]:
         """Faces in px of `picture`, searched in the picture reduced by `scale`."""

@@ -84,7 +84,7 @@ COAST_S = 0.7
 """A part without a measurement for this long is missing, and may be found anywhere again."""
 LOST_S, BRAKE_S = 0.3, 0.15
 """A part unseen for longer than LOST_S is not passing behind another: its velocity decays with constant BRAKE_S."""
-AREAS = 15
+AREAS_KEPT = 15
 """Number of areas in the median."""
 
 
@@ -99,7 +99,7 @@ class TrackedPart:
         self._acceleration = acceleration
         self.state = State.MISSING
         self.filter: ConstantVelocityFilter | None = None
-        self._areas: deque[float] = deque(maxlen=AREAS)
+        self._areas: deque[float] = deque(maxlen=AREAS_KEPT)
         self.area = self.side = math.nan
         self._unseen_s = 0.0
 

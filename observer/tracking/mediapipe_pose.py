@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from common.config_people import MOST_PEOPLE
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import INSTALL_MEDIAPIPE
 from observer.tracking.cropped_pose import CroppedPeople
@@ -26,8 +27,6 @@ from observer.tracks import BODY_PARTS, Floats
 
 log = logging.getLogger("labanmesh.observer")
 
-MOST_PEOPLE = 4
-"""People whom a .task file's model looks for when it searches; each takes as long as one who is followed."""
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
 
 

@@ -42,7 +42,7 @@ KNUCKLES = {7: (9, (17, 19, 21)), 8: (10, (18, 20, 22))}
 """Elbow -> wrist, and the landmarks of the hand, which lie beyond it."""
 BEYOND = 0.3
 """Of the forearm: knuckles beyond the wrist, as MediaPipe finds them (wave_webcam, pose2sim_single: .27 to .32)."""
-LEAST_KEYPOINTS, LEAST = 4, 0.5
+LEAST_KEYPOINTS, LEAST_SCORE = 4, 0.5
 """There is a person where so many keypoints have this visibility."""
 LEAST_BOX, OVERLAP = 0.25, 0.6
 """Confidence of a box from which there may be a person; boxes that overlap more show the same one."""
@@ -145,7 +145,7 @@ class OnnxPose:
         people = []
         for keypoints in self._layout.people(self._run(self._layout.picture(fitted))):
             keypoints[:, 2] = _visibility(keypoints[:, 2], self._layout.usual)
-            if (keypoints[:, 2] >= LEAST).sum() >= LEAST_KEYPOINTS:
+            if (keypoints[:, 2] >= LEAST_SCORE).sum() >= LEAST_KEYPOINTS:
                 keypoints[:, :2] = (keypoints[:, :2] - shift) / (scale * np.array(rgb.shape[1::-1]))
                 people.append(as_landmarks(keypoints))
         return people

@@ -19,11 +19,11 @@ NOSE, SHOULDERS, WRISTS, HIPS = 0, (11, 12), (15, 16), (23, 24)
 """Landmarks of BlazePose, left and right."""
 REGION = 1.25
 """Side of the square that the pose model looks at, of a person's height: as in MediaPipe's own graph."""
-CLEAR = 0.5
+CLEARLY_SEEN = 0.5
 """Visibility from which a landmark counts."""
 GRID_PX = 8
 """Motion is looked for in cells of so many pixels each way."""
-GREY = 120
+GREY_LEVEL = 120
 ON_MARK = 0.4
 """Share of the height from which a person stands on the marked place."""
 WIDE = 0.4
@@ -66,7 +66,7 @@ class Pose:
     def hand_is_raised(self) -> bool:
         """Whether a wrist is seen above the nose."""
         wrists = self.landmarks[list(WRISTS)]
-        above = (wrists[:, 1] < self.landmarks[NOSE, 1]) & (wrists[:, 2] >= CLEAR)
+        above = (wrists[:, 1] < self.landmarks[NOSE, 1]) & (wrists[:, 2] >= CLEARLY_SEEN)
         return bool(above.any())
 
 
@@ -87,7 +87,7 @@ class SearchArea:
     def covered(self, rgb: Rgb) -> Rgb:
         """A copy of the picture in which this part is grey."""
         copy = rgb.copy()
-        copy[self.top : self.top + self.height, self.left : self.left + self.width] = GREY
+        copy[self.top : self.top + self.height, self.left : self.left + self.width] = GREY_LEVEL
         return copy
 
     def holds(self, u: float, v: float) -> bool:

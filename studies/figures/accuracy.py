@@ -16,6 +16,7 @@ from matplotlib.ticker import PercentFormatter
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from studies.metrics import BINS
 
 __all__ = ["COLOURS", "GREY", "INK", "MARKERS", "Axes", "Figure", "Floats", "plain", "save", "spread"]
 
@@ -27,7 +28,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 INK = "#222222"
 GREY = "#BBBBBB"
 DOTS_PER_INCH = 150
-FORMATS = (".png", ".svg", ".pdf")
+PICTURE_FORMATS = (".png", ".svg", ".pdf")
 
 RIGHT, WRONG = COLOURS[0], COLOURS[1]
 CELL_INCHES = 0.36
@@ -186,7 +187,6 @@ def poles_figure(factors: Sequence[str], rates: Mapping[str, Sequence[float]], p
     return save(figure, path)
 
 
-BINS = 15
 FEWEST = 5
 """Bins with fewer judgements are hollow and off the line, because their height is mostly random."""
 
@@ -242,12 +242,12 @@ def plain(axes: Axes) -> None:
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write the format of the suffix (FORMATS), the same bytes for the same figure; returns `path`.
+    """Write the format of the suffix (PICTURE_FORMATS), the same bytes for the same figure; returns `path`.
 
     Makes folders as needed. Raises BadInput for another suffix.
     """
-    if path.suffix not in FORMATS:
-        raise BadInput(f"figure {str(path)!r}: unknown kind {path.suffix!r}; known: {', '.join(FORMATS)}")
+    if path.suffix not in PICTURE_FORMATS:
+        raise BadInput(f"figure {str(path)!r}: unknown kind {path.suffix!r}; known: {', '.join(PICTURE_FORMATS)}")
     path.parent.mkdir(parents=True, exist_ok=True)
     dated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix)
     with rc_context({"svg.hashsalt": "labanmesh"}):

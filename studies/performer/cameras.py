@@ -36,9 +36,9 @@ from studies.performer.perform import perform_continuously
 from studies.performer.repertoire import SCORES
 
 PERSON = "1"
-VIEWS = {"door": "door", "shelf": "yaw:15,pitch:15"}
+FILM_VIEWS = {"door": "door", "shelf": "yaw:15,pitch:15"}
 """Two views from which the tracker still finds the face."""
-RATE_HZ, SIZE_PX, NOISE, MOST_BYTES = 15.0, (480, 360), 2.0, 50_000
+FILM_HZ, SIZE_PX, NOISE, MOST_BYTES = 15.0, (480, 360), 2.0, 50_000
 """Pictures per second, their size, the sensor's noise in grey levels, and the most bytes of a JPEG, which takes a third
 of them. In smaller pictures the tracker finds no face. Both cameras take 0.2 of a core."""
 FILM_REST_S = (2.0, 3.0)
@@ -112,17 +112,17 @@ class Server(ThreadingHTTPServer):
 def film(performer: LivePerformer, cameras: Sequence[Camera], stop: threading.Event) -> None:
     """Film in real time until `stop` is set; on a machine that is too slow with fewer pictures a second."""
     begun_s, number = time.monotonic(), 0
-    while not stop.wait(max(0.0, begun_s + number / RATE_HZ - time.monotonic())):
+    while not stop.wait(max(0.0, begun_s + number / FILM_HZ - time.monotonic())):
         now_s = time.monotonic()
         positions = performer.positions(now_s)
         for camera in cameras:
             camera.film(positions, number + 1)
-        number = max(number + 1, round((time.monotonic() - begun_s) * RATE_HZ))
+        number = max(number + 1, round((time.monotonic() - begun_s) * FILM_HZ))
 
 
 def performance(labels: Sequence[str]) -> Recording:
     """Each movement twice, with rest between."""
-    return perform_continuously(PERSON, list(labels) * 2, RATE_HZ, seed=1, rest_s=FILM_REST_S)
+    return perform_continuously(PERSON, list(labels) * 2, FILM_HZ, seed=1, rest_s=FILM_REST_S)
 
 
 def write_scene(folder: Path, shown: Recording) -> Path:
@@ -136,11 +136,11 @@ def write_scene(folder: Path, shown: Recording) -> Path:
         "[mesh]",
         f'endpoint = "tcp/127.0.0.1:{free_port()}"',
     ]
-    for name, view in VIEWS.items():
+    for name, view in FILM_VIEWS.items():
         lines += ["", f"[observers.{name}]", 'source = "performance.npz"', "loop = true", f'view = "{view}"']
-        lines += ['tracker = "camshift"', f"rate_hz = {RATE_HZ}", f"size_px = {list(SIZE_PX)}"]
+        lines += ['tracker = "camshift"', f"rate_hz = {FILM_HZ}", f"size_px = {list(SIZE_PX)}"]
         # Not by what a run costs: that is little, and seems much on a machine with other work to do.
-        lines += [f"max_hz = {RATE_HZ}", f"idle_hz = {RATE_HZ}"]
+        lines += [f"max_hz = {FILM_HZ}", f"idle_hz = {FILM_HZ}"]
         lines += [f"[observers.{name}.virtual]", f"noise = {NOISE}"]
     return write_text(folder / "scene.toml", "\n".join(lines) + "\n", ANOTHER_FOLDER)
 
@@ -161,7 +161,7 @@ def run(folder: Path, labels: Sequence[str]) -> None:
     motion, performer = RecordedMotion(BODY_PARTS, (shown,)), LivePerformer(PERSON, seed=time.time_ns())
     cameras = {
         name: Camera(VirtualCamera(motion, parse_view(view), SIZE_PX, Scenery(noise=NOISE)).renderer(shown))
-        for name, view in VIEWS.items()
+        for name, view in FILM_VIEWS.items()
     }
     stop = threading.Event()
     with Server(cameras) as server:

@@ -16,7 +16,7 @@ from studies.replay.from_judgements import Gap, ReplayChange
 
 Source = Literal["judgements", "posteriors"]
 Likeness = Literal["bit for bit", "same label", "another label", "not judged", "not recorded"]
-NONE = "-"
+NO_VALUE = "-"
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +242,7 @@ def _change_text(change: ReplayChange) -> str:
 def _label(verdict: VerdictMessage | None) -> str:
     """The label; of a corrected verdict `bowing -> lunging`."""
     if verdict is None:
-        return NONE
+        return NO_VALUE
     return verdict.label if verdict.revises is None else f"{verdict.revises} -> {verdict.label}"
 
 

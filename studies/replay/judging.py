@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from common.capture_file import CaptureFile
 
 Progress = Callable[[str, int, int], None]
-EVERY = 500
+PROGRESS_EVERY = 500
 VERDICTS_REPEATED = 10
 """A service sends at most this many verdicts again."""
 M = TypeVar("M", bound=Message)
@@ -157,7 +157,7 @@ def _from_judgements(
                 same += encode(output.judgement, full=not is_short(judgement)) == record.payload
                 verdicts += _verdict_records([output])
             number += 1
-            if number % EVERY == 0:
+            if number % PROGRESS_EVERY == 0:
                 progress("judging again", number, summary.judgements)
         elif record.kind == "put" and record.key == keys.vocabulary:
             if (message := _decoded(VocabularyMessage, record)) is not None:

@@ -16,7 +16,7 @@ from observer.camera.opening import open_pictures
 from observer.foreign.sources import LineTracks, PipedTracks
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
-from observer.motion.playback import LATE_S, RecordedMotion
+from observer.motion.playback import FRAME_LATE_S, RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.scene_inputs import UnmirroredSource
 from observer.tracks import BODY_PARTS
@@ -161,7 +161,7 @@ IN_TIME = {
 def test_an_observer_that_is_too_slow_gets_the_newest_frame(name, tmp_path):
     time, captured_ns, skipped = Time(), [], 0
     for frame in IN_TIME[name](tmp_path, time):
-        assert 0 <= time() - frame.captured_ns <= (LATE_S + INTERVALS / RATE) * SECOND_NS
+        assert 0 <= time() - frame.captured_ns <= (FRAME_LATE_S + INTERVALS / RATE) * SECOND_NS
         captured_ns.append(frame.captured_ns)
         skipped += frame.skipped
         time.now_ns += round(INTERVALS * SECOND_NS / RATE)

@@ -13,7 +13,7 @@ from benchmarks.clips.material import CAMERA
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
-from observer.tracking.task_file import MODELS
+from observer.tracking.task_file import TASK_MODELS
 from observer.tracking.task_file import task_file as make_task
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 from studies.sensors import with_parts
@@ -105,5 +105,5 @@ def task_file(pose_model, tmp_path_factory):
 
     folder = Path(mediapipe.__file__).parent / "modules"
     file = tmp_path_factory.mktemp("model") / "pose.task"
-    file.write_bytes(make_task({name: (folder / place).read_bytes() for name, (place, _, _) in MODELS.items()}))
+    file.write_bytes(make_task({name: (folder / place).read_bytes() for name, (place, _, _) in TASK_MODELS.items()}))
     return file

@@ -14,7 +14,7 @@ from observer_stage import rejected
 
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracking.pose import NOBODY_S
-from observer.tracking.task_file import MODELS, main
+from observer.tracking.task_file import TASK_MODELS, main
 from observer.tracks import BODY_PARTS, Frame, State
 
 mediapipe = pytest.importorskip("mediapipe")
@@ -136,7 +136,7 @@ def test_a_task_file_is_made_of_a_wheel(task_file, tmp_path):
     wheel = tmp_path / "mediapipe.whl"
     folder = Path(mediapipe.__file__).parent / "modules"
     with zipfile.ZipFile(wheel, "w") as archive:
-        for place, _, _ in MODELS.values():
+        for place, _, _ in TASK_MODELS.values():
             archive.write(folder / place, f"mediapipe/modules/{place}")
     assert "pose_model = " in main([str(wheel), str(tmp_path / "pose.task")])
     with zipfile.ZipFile(tmp_path / "pose.task") as made, zipfile.ZipFile(task_file) as other:

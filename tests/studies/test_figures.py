@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from common.probability import entropy_bits, normalise
-from studies.experiments import MOVEMENTS, TABLE_III
+from studies.experiments import PAPER_MOVEMENTS, TABLE_III
 from studies.figures import (
     LabelledInterval,
     StreamTimeline,
@@ -43,15 +43,15 @@ ONE_FRAME = {"cam1": BELIEFS["cam1"][:1]}
 @pytest.mark.parametrize(
     "draw",
     [
-        lambda path: confusion_figure(TABLE_III.confusion, MOVEMENTS, "fused", path),
+        lambda path: confusion_figure(TABLE_III.confusion, PAPER_MOVEMENTS, "fused", path),
         lambda path: confusion_figure(np.zeros((20, 20), dtype=np.int64), list("abcdefghijklmnopqrst"), "", path),
-        lambda path: belief_figure(TIMES_S, BELIEFS, ENTROPIES, MOVEMENTS, "nthrow", path),
-        lambda path: belief_figure(TIMES_S, {"cam1": BELIEFS["cam1"]}, ENTROPIES, MOVEMENTS, "ok", path),
-        lambda path: belief_figure(np.zeros(1), ONE_FRAME, {"cam1": np.ones(1)}, MOVEMENTS, "ok", path),
+        lambda path: belief_figure(TIMES_S, BELIEFS, ENTROPIES, PAPER_MOVEMENTS, "nthrow", path),
+        lambda path: belief_figure(TIMES_S, {"cam1": BELIEFS["cam1"]}, ENTROPIES, PAPER_MOVEMENTS, "ok", path),
+        lambda path: belief_figure(np.zeros(1), ONE_FRAME, {"cam1": np.ones(1)}, PAPER_MOVEMENTS, "ok", path),
         lambda path: earliness_figure([0.2, 0.6, 1.0], EARLY, path, chance=0.05),
         lambda path: reliability_figure(CURVES, {"many": 0.02, "one": 0.0}, path),
         lambda path: stream_timeline_figure([StreamTimeline("trial 1", 70.0, TRUTH, SPOKEN)] * 2, "anna", path),
-        lambda path: verdict_timeline_figure(TIMES_S, BELIEFS["fused"], MOVEMENTS, TRUTH, VERDICTS, path),
+        lambda path: verdict_timeline_figure(TIMES_S, BELIEFS["fused"], PAPER_MOVEMENTS, TRUTH, VERDICTS, path),
     ],
 )
 def test_every_figure_is_drawn(draw, tmp_path):

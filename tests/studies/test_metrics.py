@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from studies.experiments import MOVEMENTS, TABLE_I, TABLE_II, TABLE_III
+from studies.experiments import PAPER_MOVEMENTS, TABLE_I, TABLE_II, TABLE_III
 from studies.metrics import (
     BINS,
     ConfusedPair,
@@ -71,12 +71,12 @@ def test_the_papers_counts_give_its_printed_errors_and_rates(table):
 
 def test_the_papers_misprint_stays_as_printed():
     assert [table.confusion.sum() for table in (TABLE_I, TABLE_II, TABLE_III)] == [95, 95, 96]
-    point = MOVEMENTS.index("point")
+    point = PAPER_MOVEMENTS.index("point")
     assert (TABLE_I.confusion[point].sum(), TABLE_III.confusion[point].sum()) == (12, 13)
 
 
 def test_table_i_is_laid_out_as_in_the_paper():
-    assert confusion_table(TABLE_I.confusion, MOVEMENTS).splitlines() == [
+    assert confusion_table(TABLE_I.confusion, PAPER_MOVEMENTS).splitlines() == [
         "           1  2  3  4  5  6  7  8   Σ errors",
         "--------------------------------------------",
         "1 lunging  7        5           1          6",
@@ -92,15 +92,15 @@ def test_table_i_is_laid_out_as_in_the_paper():
 
 
 def test_a_title_stands_above_and_tables_beside_each_other():
-    ours = confusion_table(TABLE_I.confusion, MOVEMENTS, "ours")
-    both = beside(ours, confusion_table(TABLE_III.confusion, MOVEMENTS, "paper")).splitlines()
+    ours = confusion_table(TABLE_I.confusion, PAPER_MOVEMENTS, "ours")
+    both = beside(ours, confusion_table(TABLE_III.confusion, PAPER_MOVEMENTS, "paper")).splitlines()
     assert both[0].split() == ["ours", "paper"] and both[-1].split() == ["32(of", "95)", "18(of", "96)"]
     assert beside("a\nbb", "1\n2\n3", gap=1) == "a  1\nbb 2\n   3"
     assert both[3].index("1 lunging", 5) == both[10].index("8 nthrow", 5)
 
 
 def test_the_fusion_resolves_what_the_paper_says():
-    pairs = confused_pairs(TABLE_I.confusion, TABLE_III.confusion, MOVEMENTS)
+    pairs = confused_pairs(TABLE_I.confusion, TABLE_III.confusion, PAPER_MOVEMENTS)
     assert pairs[0] == ConfusedPair("maestro", "byebye", 8, 2)
     assert ConfusedPair("nthrow", "ok", 4, 0) in pairs
 

@@ -4,7 +4,7 @@ import pytest
 
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
-from observer.motion.importers.msr_action3d import LABELS
+from observer.motion.importers.msr_action3d import MSR_LABELS
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
 from studies.over_mesh import fused_over_mesh
@@ -30,7 +30,7 @@ PAPERS = {"model": PAPER_MODEL, "rule": PAPER_RULE, "calibrated": False}
 
 
 def test_the_papers_model_in_the_door_plane_turned_without_relearning_and_fused(msr):
-    assert labels_of(msr) == LABELS
+    assert labels_of(msr) == MSR_LABELS
     straight = figures_of(msr, AS1, "door,wheel", **PAPERS)
     views = {name: view["accuracy"] for name, view in straight["per_view"].items()}
     assert views["door"] >= 0.7

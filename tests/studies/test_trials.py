@@ -17,8 +17,8 @@ from studies.report_text import extra_text
 from studies.stream import THRESHOLDS, judge_streams
 from studies.trials import (
     FASTEST,
-    IDLE_S,
     SLOWEST,
+    STANDING_S,
     EvaluationTrial,
     make_trials,
     splits,
@@ -127,7 +127,7 @@ def test_an_unknown_onset_keeps_the_movement_inside_begin_to_end(seed, frames):
         np.testing.assert_allclose(steps, steps[0], atol=1e-3)
         assert original.positions[-1, 0, 0] - moving[-1, 0, 0] < FASTEST + 1e-3  # to its end
     for idle, place in ((whole[: trial.begin], moving[0]), (whole[trial.end :], moving[-1])):
-        assert math.floor(IDLE_S[0] * RATE) <= len(idle) <= math.ceil(IDLE_S[1] * RATE)
+        assert math.floor(STANDING_S[0] * RATE) <= len(idle) <= math.ceil(STANDING_S[1] * RATE)
         assert 0 < np.abs(idle - place).max() < 0.1  # trembles in place
     assert whole.dtype == np.float32 and np.isfinite(whole).all()
     assert (trial.recording.label, trial.recording.rate_hz) == ("bow", RATE)

@@ -27,7 +27,7 @@ class ImportResult:
     notes: tuple[str, ...] = ()
 
 
-TEXT_LIMIT = 512 * 2**20
+RECORDING_FILE_LIMIT = 512 * 2**20
 """Bytes of a text file of motion: hours of it."""
 Importer = Callable[[Path, Progress | None], ImportResult]
 """Reads all recordings of one kind at a path, a file or a folder, with every body part that the source has; hands and
@@ -61,14 +61,14 @@ def read_text(path: Path) -> str:
     """The whole text of a file, with any line endings; a byte order mark is skipped."""
     try:
         with path.open("rb") as file:
-            content = file.read(TEXT_LIMIT + 1)
+            content = file.read(RECORDING_FILE_LIMIT + 1)
         text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise BadInput(f"{path}: byte {error.start} is no text; a text file is expected") from error
-    if len(content) > TEXT_LIMIT:
-        raise BadInput(f"{path}: longer than {TEXT_LIMIT >> 20} MB; recorded motion is expected")
+    if len(content) > RECORDING_FILE_LIMIT:
+        raise BadInput(f"{path}: longer than {RECORDING_FILE_LIMIT >> 20} MB; recorded motion is expected")
     if not text.strip():
         raise BadInput(f"{path}: is empty; recorded motion is expected")
     return text

@@ -35,8 +35,8 @@ _SIDED = {
     "toe": ("{side}toebase", "{side}toe", "{side}toes", "{s}toe", "{s}toes", "toe{s}", "toes{s}", "toebase{s}"),
 }  # fmt: skip
 """Names of joints in files of different makers, in lower case, letters and digits only; the best first."""
-_MIDDLE = {"head": ("head",), "neck": ("neck",), "pelvis": ("hips", "pelvis", "root")}
-_NEEDED = ("left_hand", "right_hand", "head")
+_MIDDLE_JOINTS = {"head": ("head",), "neck": ("neck",), "pelvis": ("hips", "pelvis", "root")}
+_NEEDED_PARTS = ("left_hand", "right_hand", "head")
 
 _MIRRORED = 0.5
 """Cosine from which the feet point backwards so clearly that left and right are exchanged: a mirrored file."""
@@ -93,11 +93,11 @@ def _joints_of_parts(joints: tuple[Joint, ...], file: Path) -> dict[str, int]:
     parts = {}
     for part in WHOLE_BODY:
         side, _, name = part.rpartition("_")
-        names = _sided(name, side) if side else _MIDDLE[part]
+        names = _sided(name, side) if side else _MIDDLE_JOINTS[part]
         joint = _joint_named(joints, names)
         if joint is not None:
             parts[part] = joint
-        elif part in _NEEDED:
+        elif part in _NEEDED_PARTS:
             what, expected = part.replace("_", " "), ", ".join(names[:3])
             raise BadInput(f"{file}: no joint for the {what}: {expected} or the like is expected; {_known(joints)}")
     return parts

@@ -44,7 +44,9 @@ Words = Iterator[tuple[int, str]]
 
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz")
 _MOTION = re.compile(r"^[ \t]*MOTION[ \t]*$", re.IGNORECASE | re.MULTILINE)
-_HEAD = re.compile(r"\s*frames[ \t]*:[ \t]*(\S+)[ \t]*\n\s*frame[ \t]+time[ \t]*:[ \t]*(\S+)[ \t]*$", re.IGNORECASE)
+_FRAMES_HEAD = re.compile(
+    r"\s*frames[ \t]*:[ \t]*(\S+)[ \t]*\n\s*frame[ \t]+time[ \t]*:[ \t]*(\S+)[ \t]*$", re.IGNORECASE
+)
 
 
 def read_bvh(path: Path) -> BvhMotion:
@@ -138,7 +140,7 @@ def _motion(path: Path, text: str, start: int, columns: int) -> tuple[Floats, fl
     first_line = text.count("\n", 0, start) + 2
     lines = text[start:].rstrip().split("\n")[1:]
     place = f"{path}: line {first_line}"
-    head = _HEAD.match("\n".join(lines[:2]))
+    head = _FRAMES_HEAD.match("\n".join(lines[:2]))
     if head is None:
         raise BadInput(f"{place}: 'Frames: N' and under it 'Frame Time: SECONDS' are expected")
     frames = whole_number(head[1], f"{place}: Frames")

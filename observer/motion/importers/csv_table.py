@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.text import plural
-from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, check_recording, clean_label, is_label
+from observer.motion.archive import ARCHIVE_LABEL_RULE, MotionArchive, Recording, check_recording, clean_label, is_label
 from observer.motion.importers.base import (
     ImportResult,
     Progress,
@@ -34,7 +34,7 @@ from observer.motion.importers.base import (
 )
 from observer.tracks import BODY_PARTS
 
-_KEYS = ("subject", "trial", "label", "frame", "time_s")
+_KEY_COLUMNS = ("subject", "trial", "label", "frame", "time_s")
 
 _REGULAR = 0.01
 """How far a step of time_s may be from the recording's mean step, as a share of it."""
@@ -45,7 +45,7 @@ Row = tuple[int, list[str]]
 
 def header_of(body_parts: tuple[str, ...]) -> tuple[str, ...]:
     """The columns of a table of these parts, in their order."""
-    return _KEYS + tuple(f"{part}_{axis}" for part in body_parts for axis in "xyz")
+    return _KEY_COLUMNS + tuple(f"{part}_{axis}" for part in body_parts for axis in "xyz")
 
 
 def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
@@ -88,7 +88,7 @@ def _lines(file: Path) -> tuple[tuple[str, ...], list[Row]]:
     reader = csv.reader(io.StringIO(read_text(file), newline=""), strict=True)
     try:
         header = tuple(cell.strip() for cell in next(reader, []))
-        parts = tuple(name.removesuffix("_x") for name in header[len(_KEYS) :: 3])
+        parts = tuple(name.removesuffix("_x") for name in header[len(_KEY_COLUMNS) :: 3])
         if header != header_of(parts) or not parts:
             raise BadInput(f"{file}: line 1: the header is expected: {','.join(header_of(BODY_PARTS))}, or other parts")
         for cells in filter(None, reader):
@@ -107,7 +107,9 @@ def _recording(file: Path, rows: list[Row], parts: tuple[str, ...]) -> Recording
     if not subject or not trial:
         raise BadInput(f"{file}: line {line}: subject {subject!r}, trial {trial!r}: both are expected")
     if not is_label(label):
-        raise BadInput(f"{file}: line {line}: label {label!r}: {LABEL_RULE}, such as {clean_label(label) or 'wave'}")
+        raise BadInput(
+            f"{file}: line {line}: label {label!r}: {ARCHIVE_LABEL_RULE}, such as {clean_label(label) or 'wave'}"
+        )
     if len(rows) < 2:
         raise BadInput(f"{file}: line {line}: the only row of its recording; two frames or more are expected")
     _check_frames(file, rows)
@@ -118,7 +120,7 @@ def _recording(file: Path, rows: list[Row], parts: tuple[str, ...]) -> Recording
 
 
 def _check_frames(file: Path, rows: list[Row]) -> None:
-    column = _KEYS.index("frame")
+    column = _KEY_COLUMNS.index("frame")
     before: int | None = None
     for line, cells in rows:
         frame = whole_number(cells[column], f"{file}: line {line}: frame")
@@ -128,7 +130,7 @@ def _check_frames(file: Path, rows: list[Row]) -> None:
 
 
 def _rate_hz(file: Path, rows: list[Row]) -> float:
-    column = _KEYS.index("time_s")
+    column = _KEY_COLUMNS.index("time_s")
     times = np.array([finite_number(cells[column], f"{file}: line {line}: time_s") for line, cells in rows])
     steps = np.diff(times)
     mean = float(steps.mean())
@@ -147,7 +149,7 @@ def _positions(file: Path, row: Row, parts: tuple[str, ...]) -> NDArray[np.float
     line, cells = row
     numbers = [
         finite_number(cell, f"{file}: line {line}: {name}") if cell else np.nan
-        for name, cell in zip(header_of(parts)[len(_KEYS) :], cells[len(_KEYS) :], strict=True)
+        for name, cell in zip(header_of(parts)[len(_KEY_COLUMNS) :], cells[len(_KEY_COLUMNS) :], strict=True)
     ]
     frame = np.array(numbers).reshape(len(parts), 3)
     for part, place in zip(parts, frame, strict=True):

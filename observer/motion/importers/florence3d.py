@@ -17,14 +17,14 @@ from observer.motion.archive import LARGEST, MotionArchive, Recording, check_rec
 from observer.motion.importers.base import ImportResult, Progress
 from observer.tracks import WHOLE_BODY
 
-RATE_HZ = 10.0
+FLORENCE_HZ = 10.0
 """Not stated in the data; about 10 frames per second were recorded."""
 
 _DATA, _NAMES = "skeletal_data.mat", "action_names.mat"
 _SUBJECTS, _JOINTS = 10, 15
-BODY_PARTS = (*(part for part in WHOLE_BODY if part != "pelvis"), "spine")
+FLORENCE_PARTS = (*(part for part in WHOLE_BODY if part != "pelvis"), "spine")
 """All joints; there is none between the hips."""
-_ROWS = (5, 8, 0, 4, 7, 3, 6, 1, 9, 12, 10, 13, 11, 14, 2)
+_FLORENCE_ROWS = (5, 8, 0, 4, 7, 3, 6, 1, 9, 12, 10, 13, 11, 14, 2)
 """The row of each part in a clip, from 0."""
 _AXES = (0, 2, 1)
 """x, up, depth: the archive's order."""
@@ -47,13 +47,13 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
         label = labels[_number(clip, "action", len(labels), place) - 1]
         subject = str(_number(clip, "subject", _SUBJECTS, place))
         trials[label, subject] += 1
-        recording = Recording(_positions(clip, place), RATE_HZ, label, subject, str(trials[label, subject]))
-        check_recording(recording, len(BODY_PARTS), place)
+        recording = Recording(_positions(clip, place), FLORENCE_HZ, label, subject, str(trials[label, subject]))
+        check_recording(recording, len(FLORENCE_PARTS), place)
         recordings.append(recording)
         if progress:
             progress(number, len(clips))
-    note = f"took {RATE_HZ:.0f} Hz as the sampling rate, which is not stated in the data"
-    return ImportResult(MotionArchive(BODY_PARTS, tuple(recordings)), (note,))
+    note = f"took {FLORENCE_HZ:.0f} Hz as the sampling rate, which is not stated in the data"
+    return ImportResult(MotionArchive(FLORENCE_PARTS, tuple(recordings)), (note,))
 
 
 def _labels(file: Path) -> tuple[str, ...]:
@@ -105,7 +105,7 @@ def _positions(clip: object, place: str) -> NDArray[np.float32]:
         raise BadInput(
             f"{place}: positions are {joints.dtype} {joints.shape}: numbers (3, {_JOINTS}, frames) are expected"
         )
-    positions = joints[_AXES, :, :][:, _ROWS, :].transpose(2, 1, 0)
+    positions = joints[_AXES, :, :][:, _FLORENCE_ROWS, :].transpose(2, 1, 0)
     sound = (np.abs(positions) <= LARGEST).all(axis=(1, 2))
     if not sound.all():
         raise BadInput(f"{place}: frame {int(sound.argmin())}: a position is not finite; metres are expected")

@@ -9,7 +9,7 @@ from observer_stage import printed_board, rejected
 
 from observer.calibration.board import Chessboard
 from observer.calibration.calibrated import CalibratedCamera, rotation
-from observer.calibration.commands import ALL, calibrate
+from observer.calibration.commands import ALL_CAMERAS, calibrate
 from observer.calibration.formats import read_opencv, write_opencv
 from observer.geometry.camera_file import read_camera
 
@@ -37,7 +37,7 @@ def test_known_points_become_a_camera_by_dlt(run, tmp_path):
     camera = read_camera(tmp_path / "out/door.toml")
     assert camera.lens is None  # DLT does not estimate distortion
     assert camera.reprojection_error_px < 1e-3 and "20 points of door.csv" in camera.provenance
-    (whole,) = read_opencv(tmp_path / "out" / ALL)
+    (whole,) = read_opencv(tmp_path / "out" / ALL_CAMERAS)
     np.testing.assert_allclose(whole.K, K, atol=1e-3)
     np.testing.assert_allclose(whole.R, TRUE.R, atol=1e-6)
     np.testing.assert_allclose(whole.pixels(points), TRUE.pixels(points), atol=1e-3)
@@ -48,14 +48,14 @@ def test_coplanar_points_place_a_camera_with_a_known_lens(run, tmp_path):
     write_opencv(tmp_path / "lens.toml", [bent.moved(rotation([0, 1, 0], "test"), np.ones(3))])
     write_pairs(tmp_path / "door.csv", 8, flat=True, camera=bent)
     run("--points", "door.csv", "--lens", "lens.toml", "-o", "out")
-    (camera,) = read_opencv(tmp_path / "out" / ALL)
+    (camera,) = read_opencv(tmp_path / "out" / ALL_CAMERAS)
     np.testing.assert_allclose(camera.position, TRUE.position, atol=1e-4)
 
 
 def test_a_foreign_file_with_z_up_is_converted_to_y_up(run, tmp_path):
     write_opencv(tmp_path / "theirs.toml", [TRUE])
     run("--read", "theirs.toml", "--up", "z", "-o", "out")
-    (ours,) = read_opencv(tmp_path / "out" / ALL)
+    (ours,) = read_opencv(tmp_path / "out" / ALL_CAMERAS)
     x, y, z = TRUE.position
     np.testing.assert_allclose(ours.position, [x, z, -y], atol=1e-9)
 
@@ -77,7 +77,7 @@ def test_pictures_of_a_board_give_camera_file_and_annotated_picture(run, tmp_pat
     drawn_board(tmp_path / "cam1")
     output = run("cam1", "--board", BOARD, "-o", "out", "--origin", 2)
     assert "board in 6 of 6 pictures" in output and "5.png: 28 corners" in output and "picture 2" in output
-    (camera,) = read_opencv(tmp_path / "out" / ALL)
+    (camera,) = read_opencv(tmp_path / "out" / ALL_CAMERAS)
     np.testing.assert_allclose(np.diag(camera.K), np.diag(K), rtol=0.03)
     assert camera.error_px < 0.3 and camera.image_size_px == (640, 480)
     assert np.linalg.norm(camera.position) == pytest.approx(np.linalg.norm([0.1, 0.2, 0.9]), rel=0.03)
@@ -93,11 +93,11 @@ def test_cameras_that_share_the_board_refine_their_lenses(run, tmp_path):
     for name in ("cam1", "cam2"):
         drawn_board(tmp_path / name)
     run("cam1", "cam2", "--board", BOARD, "-o", "out")
-    one, two = read_opencv(tmp_path / "out" / ALL)
+    one, two = read_opencv(tmp_path / "out" / ALL_CAMERAS)
     assert one.K[0, 0] == one.K[1, 1] == pytest.approx(702.5, rel=0.03)
     np.testing.assert_allclose(one.position, two.position, atol=0.005)
-    run("cam1", "cam2", "--board", BOARD, "-o", "again", "--lens", f"out/{ALL}")
-    known = read_opencv(tmp_path / "again" / ALL)[0]
+    run("cam1", "cam2", "--board", BOARD, "-o", "again", "--lens", f"out/{ALL_CAMERAS}")
+    known = read_opencv(tmp_path / "again" / ALL_CAMERAS)[0]
     np.testing.assert_array_equal(known.K, one.K)
 
 

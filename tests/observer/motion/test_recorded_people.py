@@ -10,7 +10,7 @@ from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import check_archive
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
-from observer.motion.importers.msr_action3d import LABELS
+from observer.motion.importers.msr_action3d import MSR_LABELS
 from observer.tracks import WHOLE_BODY
 
 LEFT, RIGHT, HEAD = range(3)
@@ -36,7 +36,7 @@ def test_msr_action3d(data, tmp_path):
     assert result.archive.body_parts == (*WHOLE_BODY, *EXTRAS)
     assert len(recordings) == 553 and len(result.notes) == 14 and steps[-1] == (567, 567)
     assert "left out a07_s04_e01: 80 % of its frames are empty" in result.notes
-    assert {recording.label for recording in recordings} == set(LABELS)
+    assert {recording.label for recording in recordings} == set(MSR_LABELS)
     assert {recording.subject for recording in recordings} == set(map(str, range(1, 11)))
     assert {recording.trial for recording in recordings} == {"1", "2", "3"}
     assert {recording.rate_hz for recording in recordings} == {15.0}
@@ -47,7 +47,7 @@ def test_msr_action3d(data, tmp_path):
 
 def test_msr_action3d_axes(data):
     result = import_recordings("msr-action3d", data / "msr_action3d" / "MSRAction3DSkeletonReal3D")
-    one_handed = {LABELS[number - 1] for number in (1, 2, 5, 6, 7)}
+    one_handed = {MSR_LABELS[number - 1] for number in (1, 2, 5, 6, 7)}
     few = [recording for recording in result.archive.recordings if recording.label in one_handed]
     assert len(few) == 133
     for recording in few:

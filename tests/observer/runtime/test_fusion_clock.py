@@ -6,7 +6,7 @@ from message_stage import status
 from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.message_types import STANDING_BY
-from observer.runtime.fusion_clock import SERVICES_LIMIT, SILENT_NS, FusionClock
+from observer.runtime.fusion_clock import CLOCKS_LIMIT, SILENT_NS, FusionClock
 
 NOW_NS = 10**18
 
@@ -57,6 +57,6 @@ def test_the_next_owner_counts_at_once_after_a_handover_and_soon_after_a_death(c
 
 def test_of_many_services_the_owner_is_kept(clock):
     clock(0, ("a", 2, ""))
-    for n in range(3 * SERVICES_LIMIT):
+    for n in range(3 * CLOCKS_LIMIT):
         assert clock(n / 100, (f"s{n}", 9, STANDING_BY)) == 2
     assert clock(1) == 2

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.tracking.cropped_pose import TALL, CroppedPeople, body_of
+from observer.tracking.cropped_pose import TALL_TORSOS, CroppedPeople, body_of
 from observer.tracking.people import Body, SearchArea
 from observer.tracking.person_follower import PersonFollower
 
@@ -109,4 +109,4 @@ def test_the_height_follows_from_the_torso_or_from_above_from_the_shoulders(shou
     for rows, (width, v) in (((11, 12), shoulders), ((23, 24), hips)):
         landmarks[list(rows)] = [[(320 + width / 2) / 640, v / 480, 0.9], [(320 - width / 2) / 640, v / 480, 0.9]]
     body = body_of(landmarks, SIZE)
-    assert body.height == pytest.approx(TALL * span) and (body.u, body.v) == pytest.approx((320, hips[1]))
+    assert body.height == pytest.approx(TALL_TORSOS * span) and (body.u, body.v) == pytest.approx((320, hips[1]))
