@@ -19,6 +19,7 @@ from benchmarks.clips.judging import BEGIN_NS, LATENCY_S, OBSERVER
 from benchmarks.clips.learning import Learning
 from benchmarks.clips.material import FOUR, centres_in, gesture_clips, recordings
 from benchmarks.command_line import recordings_folder, run_command
+from benchmarks.from_pixels import RecordedTracks
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.text import split_list
@@ -30,7 +31,6 @@ from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.resampler import Resampler
 from observer.tracks import Floats, Frame, Tracks
-from studies.from_pixels import RecordedTracks
 from studies.fusion_engine import FusionEngine
 
 TIMES = 3

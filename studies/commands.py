@@ -41,7 +41,7 @@ def evaluate(options: EvaluateOptions) -> None:
         whole, settings, tasks = _input(options)
     from studies.run_evaluation import run_evaluation
 
-    written = run_evaluation(whole, settings, tasks, options.report, options.json)
+    written = run_evaluation(whole, settings, tasks)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
@@ -49,18 +49,17 @@ def evaluate(options: EvaluateOptions) -> None:
 def _input(options: EvaluateOptions) -> "tuple[MotionArchive, EvaluationSettings, EvaluationTasks]":
     """The recordings and what to do with them; raises BadInput for options that do not fit."""
     from observer.geometry.placement import parse_place, placement_of
-    from studies.evaluated_archives import BackgroundChoice, read_archives
+    from studies.evaluated_archives import BackgroundArchives, read_archives
     from studies.run_evaluation import EvaluationTasks, require_compatible
 
-    through = one_of("--through", options.through, ("process", "mesh", "pixels"))
-    background = BackgroundChoice.parse(options.background, options.background_subjects)
+    background = BackgroundArchives.parse(options.background, options.background_subjects)
     parts = split_list("--body-parts", options.body_parts)
     placement = placement_of(parse_place(options.place), options.facing)
     archives = read_archives(
         options.archive, options.views, options.sensor or [], parts, background, options.other_motion or [], placement
     )
     settings = _settings(options, archives)
-    tasks = EvaluationTasks(through, background.scenery, options.stream, options.learning_curve, options.jobs)
+    tasks = EvaluationTasks(options.stream, options.learning_curve, options.jobs, options.report, options.json)
     require_compatible(settings, tasks)
     return archives.whole, settings, tasks
 
@@ -71,7 +70,6 @@ def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "Evalu
     from observer.motion.sensors import require_shared_labels
     from studies.evaluate import EvaluationSettings
     from studies.faults import parse_fault
-    from studies.room import parse_event
     from studies.trials import labels_in, unlearned_and_background
 
     known = labels_of(archives.whole)
@@ -99,7 +97,6 @@ def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "Evalu
         calibrated=not options.uncalibrated,
         unlearned=unlearned,
         background=background,
-        room=tuple(parse_event(text) for text in options.room or []),
         seed=options.seed,
         sensors=archives.sensors,
         background_archive=archives.background,

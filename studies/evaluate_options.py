@@ -55,13 +55,6 @@ class EvaluateOptions:
     parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")] = None
     turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0"
     fault: Annotated[Texts, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")] = None
-    room: Annotated[
-        Texts,
-        typer.Option(
-            help="Before each trial the person: walk=METRES walks in, nearer=FACTOR comes nearer, stranger=FACTOR "
-            "follows a person of another size, blunder=FACTOR is once seen in a false size; may be repeated."
-        ),
-    ] = None
     facings: Annotated[
         int, typer.Option(min=0, max=72, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
     ] = 0
@@ -84,16 +77,9 @@ class EvaluateOptions:
     learning_curve: Annotated[
         bool, typer.Option("--learning-curve", help="Also learn from fewer people and fewer recordings.")
     ] = False
-    through: Annotated[
-        str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
-    ] = "process"
     background: Annotated[
-        str,
-        typer.Option(
-            help="Archives (.npz) to learn `something else` from, separated by commas; with --through pixels: plain, "
-            "cluttered or skin_toned."
-        ),
-    ] = "plain"
+        str, typer.Option(help="Archives (.npz) to learn `something else` from, separated by commas.")
+    ] = ""
     background_subjects: Annotated[
         str, typer.Option(help="The people of these archives to learn from; default: all.")
     ] = ""

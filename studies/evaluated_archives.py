@@ -15,8 +15,6 @@ from observer.motion.placing import placed
 from observer.motion.projected import require_same_camera, view_of
 from studies.sensors import performances, read_sensors, with_parts
 
-SCENERIES = ("plain", "cluttered", "skin_toned")
-"""The other values of --background, for --through pixels."""
 ALL_PARTS = ("all",)
 """In place of the names of body parts: every part that the archives have."""
 
@@ -42,26 +40,22 @@ class EvaluatedArchives:
 
 
 @dataclass(frozen=True, slots=True)
-class BackgroundChoice:
-    """The two meanings of --background: archives to learn something else from, with people; the scenery of pictures."""
+class BackgroundArchives:
+    """--background: archives to learn something else from, and the people of these, by default all."""
 
     paths: tuple[Path, ...] = ()
     subjects: tuple[str, ...] = ()
-    scenery: str = SCENERIES[0]
 
     @classmethod
-    def parse(cls, background: str, subjects: str) -> "BackgroundChoice":
+    def parse(cls, background: str, subjects: str) -> "BackgroundArchives":
         """The values of --background and --background-subjects; raises BadInput for other values."""
-        people = split_list("--background-subjects", subjects)
-        if background in SCENERIES:
-            if people:
-                raise BadInput(f"--background-subjects {subjects}: of which archive? name it with --background")
-            return cls(scenery=background)
         paths = tuple(Path(name) for name in split_list("--background", background))
+        people = split_list("--background-subjects", subjects)
+        if people and not paths:
+            raise BadInput(f"--background-subjects {subjects}: of which archive? name it with --background")
         for path in paths:
             if path.suffix != ".npz":
-                known = ", ".join(SCENERIES)
-                raise BadInput(f"--background {path}: an archive (.npz) or, with --through pixels, {known}")
+                raise BadInput(f"--background {path}: an archive (.npz) is expected")
         return cls(paths, people)
 
 
@@ -70,7 +64,7 @@ def read_archives(
     views: str,
     sensors: Sequence[str],
     body_parts: tuple[str, ...],
-    learned_too: BackgroundChoice,
+    background: BackgroundArchives,
     other_motion: Sequence[Path],
     placement: PersonPlacement | None = None,
 ) -> EvaluatedArchives:
@@ -80,7 +74,7 @@ def read_archives(
     beside sensors, neither of both, a body part that an archive lacks, and a placement for other views.
     """
     chosen, own = _evaluated(archive, views, sensors)
-    others = {path: read_archive(path) for path in dict.fromkeys((*learned_too.paths, *other_motion))}
+    others = {path: read_archive(path) for path in dict.fromkeys((*background.paths, *other_motion))}
     if placement is not None:
         _require_rooms(chosen, sensors)
         own = tuple(placed(archive_of_view, placement) for archive_of_view in own)
@@ -96,13 +90,12 @@ def read_archives(
         )
     for path, other in others.items():
         require_same_camera(own[0], other, str(path))
-    learned = {path: select(others[path], learned_too.subjects) for path in learned_too.paths}
-    background = None
+    learned = {path: select(others[path], background.subjects) for path in background.paths}
+    gathered = None
     if learned:
-        rate_hz = common_rate(whole)
-        background = gather_background(list(learned.values()), (), whole.body_parts, rate_hz)
+        gathered = gather_background(list(learned.values()), (), whole.body_parts, common_rate(whole))
     streams = [s for path in other_motion for s in _unseen(path, others[path], learned.get(path), whole)]
-    return EvaluatedArchives(whole, chosen, own if sensors else (), parts, background, tuple(streams))
+    return EvaluatedArchives(whole, chosen, own if sensors else (), parts, gathered, tuple(streams))
 
 
 def _require_rooms(views: Sequence[View], sensors: Sequence[str]) -> None:

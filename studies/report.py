@@ -50,7 +50,6 @@ def as_json(result: EvaluationResult) -> dict[str, Any]:
         "onset": "known" if settings.onset_known else "unknown",
         "turn": "random" if settings.turn is None else settings.turn,
         "faults": dict(settings.faults),
-        "room": [f"{event.kind}={event.number:g}" for event in settings.room],
         "calibrated": settings.calibrated,
         "facing": _facing_errors(result),
         "seed": settings.seed,

@@ -40,7 +40,7 @@ def as_text(figures: dict[str, Any]) -> str:
         *_first_word_text(figures),
         *_facing_text(figures),
         f"learned in {figures['train_seconds']:.1f} s, {figures['seconds_per_frame'] * 1e3:.2f} ms per frame and view",
-        *extra_text(figures),
+        *(stream_text(figures["stream"]) if "stream" in figures else ()),
         "",
         table,
     ]
@@ -75,17 +75,6 @@ def _facing_text(figures: dict[str, Any]) -> list[str]:
     if facing is None:
         return []
     return [f"facing within 30 degrees in {facing['within_30_deg']:.1%}, median {facing['median_deg']:.1f} degrees"]
-
-
-def extra_text(figures: dict[str, Any]) -> list[str]:
-    """The lines of --through mesh and of --stream."""
-    lines = []
-    if "mesh" in figures:
-        mesh = figures["mesh"]
-        lines.append(
-            f"over the mesh: {mesh['same_labels']} of {mesh['n']} labels equal, accuracy {mesh['accuracy']:.3f}"
-        )
-    return [*lines, *stream_text(figures["stream"])] if "stream" in figures else lines
 
 
 def resolved_pairs(figures: dict[str, Any]) -> str:

@@ -11,7 +11,6 @@ from observer.model.base import Onset
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive, Recording
 from studies.fusion_engine import DEFAULT_RULE
-from studies.room import RoomEvent
 from studies.trials import EvaluationTrial, Split, make_trials, splits, with_labels
 
 Progress = Callable[[str, int, int], None]
@@ -24,10 +23,9 @@ class EvaluationSettings:
     calibrated: observers scale their certainty by how often they are right.
     unlearned: movements that streams show without their having been learned. background: movements of the training
     people that the models know as "something else"; empty: blends of the learned ones only; None: no such class.
-    room: what the person does before each trial; observers then do not know the onset. sensors: for each view its own
-    archive (studies.sensors); empty: all views see one archive. background_archive: recordings of other people that
-    the models know as "something else" too. other_motion: streams in which no movement of the vocabulary happens. The
-    last two have the archive's body parts and rate.
+    sensors: for each view its own archive (studies.sensors); empty: all views see one archive. background_archive:
+    recordings of other people that the models know as "something else" too. other_motion: streams in which no movement
+    of the vocabulary happens. The last two have the archive's body parts and rate.
     """
 
     views: tuple[View, ...]
@@ -45,7 +43,6 @@ class EvaluationSettings:
     calibrated: bool = True
     unlearned: tuple[str, ...] = ()
     background: tuple[str, ...] | None = None
-    room: tuple[RoomEvent, ...] = ()
     seed: int = 0
     sensors: tuple[MotionArchive, ...] = ()
     background_archive: MotionArchive | None = None
@@ -91,12 +88,10 @@ def without_movement(archive: MotionArchive, people: set[str]) -> tuple[Recordin
 def trials_of(split: Split, settings: EvaluationSettings, number: int) -> list[EvaluationTrial]:
     """The test people's trials as the settings show them; `number` of the split is part of the seed."""
     rng = np.random.default_rng([settings.seed, number])
-    known, turn = settings.onset_known, settings.turn
     judged = [r for r in split.test if r.label in settings.labels]
-    return make_trials(judged, onset_known=known, turn=turn, rng=rng, room=settings.room)
+    return make_trials(judged, onset_known=settings.onset_known, turn=settings.turn, rng=rng)
 
 
 def onset_of(trial: EvaluationTrial, settings: EvaluationSettings) -> Onset:
-    """What the observers know about the begin of the movement: nothing after other events in the room."""
-    known = settings.onset_known and not settings.room
-    return Onset(known=True, length=len(trial.recording.positions)) if known else Onset()
+    """What the observers know about the begin of the movement."""
+    return Onset(known=True, length=len(trial.recording.positions)) if settings.onset_known else Onset()

@@ -14,11 +14,11 @@ from observer.motion.archive import MotionArchive, Recording, Span, labels_of, m
 from observer.motion.importers.msr_action3d import MSR_LABELS
 from observer.stillness import OF_JERKS, QUIET_SHARE
 from observer.tracks import BODY_PARTS
-from studies.room import NOISE_M, RoomEvent, before_trial
 
 SLOWEST, FASTEST = 0.6, 1.7
 STANDING_S = (0.5, 2.0)
-IDLE_NOISE_M = NOISE_M
+IDLE_NOISE_M = 0.01
+"""Trembling of a tracked hand at rest: in the quiet half of the recordings it moves 0.8 to 3 cm a frame."""
 BETWEEN_S = (1.0, 2.5)
 UNLEARNED_OTHERS = "others"
 Labels = tuple[str, ...]
@@ -104,28 +104,13 @@ def _split(archive: MotionArchive, train: Sequence[str], test: Sequence[str]) ->
 
 
 def make_trials(
-    recordings: Sequence[Recording],
-    *,
-    onset_known: bool,
-    turn: float | None,
-    rng: np.random.Generator,
-    room: Sequence[RoomEvent] = (),
+    recordings: Sequence[Recording], *, onset_known: bool, turn: float | None, rng: np.random.Generator
 ) -> list[EvaluationTrial]:
     """The trials that observers watch. turn: degrees, or None for a random facing in each trial.
 
-    room: what the person does before each trial.
-
     Unknown onset: retimed by 0.6 to 1.7, with 0.5 to 2 s of trembling rest before and after.
     """
-    trials = [_trial(recording, onset_known, turn, rng) for recording in recordings]
-    return [_in_room(trial, room, rng) for trial in trials] if room else trials
-
-
-def _in_room(trial: EvaluationTrial, room: Sequence[RoomEvent], rng: np.random.Generator) -> EvaluationTrial:
-    recording = trial.recording
-    before = before_trial(room, recording.positions[0], recording.rate_hz, rng)
-    whole = replace(recording, positions=np.concatenate([before, recording.positions]))
-    return replace(trial, recording=whole, begin=trial.begin + len(before), end=trial.end + len(before))
+    return [_trial(recording, onset_known, turn, rng) for recording in recordings]
 
 
 def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.random.Generator) -> EvaluationTrial:

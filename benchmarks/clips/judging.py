@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks.from_pixels import RecordedTracks
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import JudgementMessage, VerdictMessage
@@ -19,7 +20,6 @@ from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.resampler import Resampler
 from observer.runtime.service import FUSION_STEPS
 from observer.tracks import Floats, Frame, Tracks
-from studies.from_pixels import RecordedTracks
 from studies.fusion_engine import FusionEngine
 
 OBSERVER = "camera"

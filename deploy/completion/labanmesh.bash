@@ -39,7 +39,7 @@ _labanmesh() {
             "import "*) words="-o --output --seen-from" ;;
             "learn "*) words="-o --output --view --place --facing --scene --observers --sensor --model --labels --subjects --body-parts --rate --add-to --background --background-labels --name --parameter --effort --known-people --reference --jobs" ;;
             "forget "*) words="--person --label --all --clips --yes --labels -o --output" ;;
-            "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --room --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --through --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
+            "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
             "score "*) words="--references --label --subjects --trials --reference-trials --views --report --json" ;;
             "completion "*) words="" ;;
             "new "*) words="-o --output" ;;

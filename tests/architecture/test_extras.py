@@ -21,8 +21,6 @@ ON_REQUEST = {
     ("observer.model.logistic", "scipy.optimize"): "learn",
     ("observer.motion.importers.florence3d", "scipy.io"): "import florence3d",
     ("observer.model.stacker", "scipy.optimize"): "learn",
-    ("studies.run_evaluation", "observer.rendering.scenery"): "evaluate --through",
-    ("studies.run_evaluation", "studies.from_pixels"): "evaluate --through",
     ("studies.report", "studies.figures"): "evaluate --report",
     ("hub.teaching.rehearsal", "studies.performer.cameras"): "teach --rehearse",
 }

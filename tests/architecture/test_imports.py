@@ -48,7 +48,7 @@ IMPURE = {
         "fusion.server fusion.standby hub.dashboard.pictures hub.session "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
         "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign.sources "
-        "studies.replay.playback studies.over_mesh"
+        "studies.replay.playback"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
@@ -86,7 +86,7 @@ IMPURE = {
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "
         "observer.calibration.parameters observer.camera* observer.preview.* "
         "observer.recording.capture observer.rendering.canvas observer.runtime.paced_observer "
-        "observer.rendering.scenery observer.tracking.* studies.figures studies.figures.* studies.from_pixels"
+        "observer.rendering.scenery observer.tracking.* studies.figures studies.figures.*"
     ),
 }
 """What modules use that are not pure, and the patterns of their names. All other modules are pure."""

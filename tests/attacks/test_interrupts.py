@@ -35,7 +35,6 @@ speed = 0.1
 """
 VERBS = {
     "evaluate": EVALUATE,
-    "evaluate pixels": ("evaluate", "known.npz", *VIEWS, "--through", "pixels"),
     "learn": ("learn", "known.npz", "--view", "yaw:30", "-o", "new.model"),
     "paper": ("evaluate", "--paper", "known.npz", "--train-subjects", "1,2", "--test-subjects", "3"),
     "doctor": ("doctor", "room.toml", "--for", "10"),

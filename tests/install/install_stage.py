@@ -107,7 +107,6 @@ JOBS = (
         "observer,report",
         line="written",
     ),
-    Job("evaluate pixels", "evaluate known.npz --views yaw:30 --through pixels", "observer", line="from pixels"),
     Job("score", "score known.npz --label byebye", line="byebye"),
     Job("evaluate --effort", "evaluate --effort effort.npz --views door", line="accuracy"),
 )

@@ -6,6 +6,7 @@ import pytest
 from benchmarks.clips.judging import judge
 from benchmarks.clips.material import FOUR
 from benchmarks.clips.report import first_verdicts
+from benchmarks.from_pixels import RecordedTracks
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
@@ -15,7 +16,6 @@ from observer.motion.archive import MotionArchive, labels_of
 from observer.runtime.pipeline import Observer
 from observer.runtime.resampler import Resampler
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, Tracks
-from studies.from_pixels import RecordedTracks
 
 pytest.importorskip("mediapipe")
 pytestmark = pytest.mark.slow

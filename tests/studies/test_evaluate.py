@@ -14,7 +14,6 @@ from observer.motion.archive_file import write_archive
 from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.output_files import require_writable
-from studies.over_mesh import fused_over_mesh
 from studies.performer import perform, perform_continuously
 from studies.report import as_json, prepare_report, write_report
 from studies.report_text import as_text, resolved_pairs
@@ -90,11 +89,6 @@ def test_a_faulty_view_changes_only_its_own_posteriors(archive, sound_trials, fa
     for sound, faulty in zip(sound_trials, disturbed.trials, strict=True):
         assert (sound.views[:, 0] == faulty.views[:, 0]).all()
         assert not (sound.views[:, 1] == faulty.views[:, 1]).all()
-
-
-def test_over_the_mesh_the_labels_are_the_same(result):
-    figures = fused_over_mesh(result)
-    assert figures["same_labels"] == figures["n"] == 6
 
 
 def test_the_report_is_written_and_read(result, tmp_path):

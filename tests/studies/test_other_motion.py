@@ -136,7 +136,6 @@ def test_other_motion_is_judged_of_those_who_are_no_background(command, tmp_path
         (["--background-subjects", "3"], "--background-subjects 3: of which archive?"),
         (["--background", "cluttred"], "--background cluttred: an archive"),
         (["--other-motion", "own.npz"], "--other-motion own.npz: 'ok' is a movement of the archive"),
-        (["--other-motion", "story.npz", "--through", "pixels"], "--through pixels: takes plain, cluttered"),
         (["--other-motion", "story.npz", "--body-parts", "head,left_foot"], "body part 'left_foot': not in the"),
     ],
 )

@@ -19,7 +19,7 @@ from observer.motion.archive import MotionArchive, Recording, retime
 from observer.motion.archive_file import read_archive, write_archive
 from studies.commands import evaluate as evaluate_command
 from studies.evaluate import EvaluationSettings, evaluate
-from studies.evaluated_archives import BackgroundChoice, read_archives
+from studies.evaluated_archives import BackgroundArchives, read_archives
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
 from studies.sensors import frames_at_fractions, performances, read_sensors, same_streams
@@ -181,7 +181,7 @@ def test_an_evaluation_reads_all_parts_unless_told_otherwise(archive, tmp_path, 
     rows = [WIDE.index(part) if part in WIDE else 2 for part in recorded]
     wide = [dataclasses.replace(r, positions=p[:, rows]) for r, p in zip(archive.recordings, positions, strict=True)]
     write_archive(tmp_path / "wide.npz", MotionArchive(recorded, tuple(wide)))
-    read = read_archives(tmp_path / "wide.npz", "door", (), named, BackgroundChoice(), ())
+    read = read_archives(tmp_path / "wide.npz", "door", (), named, BackgroundArchives(), ())
     assert read.body_parts == read.whole.body_parts == parts
     chosen = wide[0].positions[:, [recorded.index(part) for part in parts]]
     np.testing.assert_array_equal(read.whole.recordings[0].positions, chosen)
@@ -215,7 +215,7 @@ def test_two_sensors_on_the_command_line(command, archive, tmp_path):
     for extra, error in (
         (["a.npz"], "--sensor: takes the place of ARCHIVE and --views"),
         (["--turn", "45"], "--sensor --turn: sensors are judged on what they recorded; omit --turn"),
-        (["--through", "mesh"], "--sensor --through"),
+        (["--onset", "unknown"], "--sensor --onset unknown"),
     ):
         with pytest.raises(BadInput, match=error):
             command(*words, *extra)

@@ -13,7 +13,7 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
 from studies.evaluate import EvaluationSettings, evaluate, folds_of
 from studies.performer import perform
-from studies.report_text import extra_text
+from studies.report_text import stream_text
 from studies.stream import THRESHOLDS, judge_streams
 from studies.trials import (
     FASTEST,
@@ -254,7 +254,7 @@ def test_a_stream_reports_each_threshold(performed):
     assert [row["threshold"] for row in rows] == list(THRESHOLDS)
     (usual,) = [row for row in rows if row["threshold"] == 0.6]
     assert usual == {name: figures[name] for name in usual if name != "threshold"} | {"threshold": 0.6}
-    text = "\n".join(extra_text({"stream": figures}))
+    text = "\n".join(stream_text(figures))
     assert text.count("0.95 ") == 1 and "by the last word" in text
     assert judge_streams(performed, settings())["by_threshold"] == []
 

@@ -1,21 +1,29 @@
-"""`labanmesh evaluate --through pixels`: the same evaluation from rendered pictures.
+"""What an evaluation loses through pictures: virtual cameras film recorded people, and camshift tracks them.
 
-Virtual cameras film the recorded people, and camshift tracks hands and head in the pictures.
+python -m benchmarks.from_pixels msr.npz --views door --scenery cluttered
 """
 
+import sys
 import threading
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
-from common.parallel import run_parts
+from benchmarks.command_line import run_command
+from common.parallel import cores, run_parts
+from common.progress import ProgressBar
+from common.text import split_list
 from common.vocabulary import Vocabulary
-from observer.geometry.views import View, facing, parse_view
+from observer.geometry.views import View, facing, parse_view, split_views
 from observer.model.base import MovementModel
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, labels_of, select
+from observer.motion.archive_file import read_archive
 from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera
@@ -28,13 +36,17 @@ from studies.evaluate import (
     EvaluationSettings,
     Progress,
     TrialResult,
+    evaluate,
     folds_of,
     fuse_again,
     learn,
     onset_of,
     trials_of,
 )
-from studies.trials import IDLE_NOISE_M, EvaluationTrial
+from studies.report import as_json
+from studies.report_text import as_text
+from studies.sensors import with_parts
+from studies.trials import IDLE_NOISE_M, EvaluationTrial, labels_in
 
 PICTURE_RATE_HZ = 30.0
 """The rate of a camera; resample the archive first: `observer.motion.archive.select(archive, rate_hz=...)`."""
@@ -130,3 +142,34 @@ def _judge(
     frames = [Frame(round(n * interval_ns), p) for n, p in enumerate(trial.recording.positions)]
     views = np.array([[o.step(frame).p for o in observers] for frame in frames])
     return TrialResult(trial, settings.labels.index(trial.recording.label), views, np.empty((0, 0)))
+
+
+def from_pixels(
+    archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
+    views: Annotated[str, typer.Option(help="door, wheel, yaw:DEG[,pitch:DEG]; separated by commas.")],
+    labels: Annotated[str, typer.Option(help="Movements, or AS1, AS2, AS3; default: all.")] = "",
+    train_subjects: Annotated[str, typer.Option(help="People to learn from; default: every other one.")] = "",
+    test_subjects: Annotated[str, typer.Option(help="People to judge; default: those not learned from.")] = "",
+    scenery: Annotated[str, typer.Option(help="Behind the person: plain, cluttered or skin_toned.")] = "plain",
+) -> None:
+    """Judge people from rendered pictures, and from their joints; print both.
+
+    Example: python -m benchmarks.from_pixels msr.npz --views door --scenery cluttered
+    """
+    filming = Filming(Scenery(background=scenery))
+    sampled = with_parts(select(read_archive(archive), rate_hz=PICTURE_RATE_HZ), BODY_PARTS)
+    settings = EvaluationSettings(
+        tuple(map(parse_view, split_views(views))),
+        labels_in(labels) or labels_of(sampled),
+        split_list("--train-subjects", train_subjects),
+        split_list("--test-subjects", test_subjects),
+    )
+    with ProgressBar() as bar:
+        figures = as_json(evaluate_pixels(sampled, settings, filming, bar, cores()))
+        joints = as_json(evaluate(sampled, settings, bar, cores()))["accuracy"]
+    loss = f"a loss of {100 * (joints - figures['accuracy']):.1f} points"
+    print(f"{as_text(figures)}\n\nfrom pixels, {scenery} background; from the joints {joints:.3f}: {loss}")
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(from_pixels, "from_pixels"))

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
+from benchmarks.from_pixels import PICTURE_RATE_HZ, Filming, evaluate_pixels, track_pictures
 from observer.geometry.views import parse_view
 from observer.motion.archive import resample
 from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
 from studies.evaluate import EvaluationSettings, evaluate
-from studies.from_pixels import PICTURE_RATE_HZ, Filming, evaluate_pixels, track_pictures
 from studies.performer import PEOPLE, perform
 from studies.trials import EvaluationTrial
 
