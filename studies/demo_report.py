@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -140,28 +141,36 @@ def draw_figures(
 
 def _draw(stream: Recording, traffic: DemoTraffic, labels: Sequence[str], folder: Path) -> list[Path]:
     """The verdicts over time, and the paper's Fig. 7 of the movement on which the observers differed most."""
-    drawing = figures()
-    interval, rate = drawing.LabelledInterval, stream.rate_hz
+    drawing, rate = figures(), stream.rate_hz
+    truth = [drawing.LabelledInterval(s.start / rate, s.end / rate, s.label) for s in stream.spans]
+    shown = drawing.StreamTimeline("", len(stream.positions) / rate, truth, _bars(stream, traffic))
+    timeline = drawing.stream_timeline_figure([shown], "verdicts", folder / "verdicts.png")
     judgements = _last_per_frame(traffic, rate)
     times_s = np.array([traffic.seconds(j.at_ns) for j in judgements])
-    fused = np.array([j.p for j in judgements])
-    truth = [interval(s.start / rate, s.end / rate, s.label) for s in stream.spans]
-    verdicts = [
-        interval(traffic.seconds(v.began_ns), traffic.seconds(v.ended_ns or v.decided_ns), v.label)
-        for v in traffic.last_words.values()
-    ]
-    playing = (times_s >= 0) & (times_s <= len(stream.positions) / rate)
-    timeline = drawing.verdict_timeline_figure(
-        times_s[playing], fused[playing], labels, truth, verdicts, folder / "verdicts.png", LATE_VOTE_S
-    )
     span = _most_disputed(stream, judgements, times_s)
     inside = np.flatnonzero((times_s >= span.start / rate) & (times_s <= span.end / rate + LATE_VOTE_S / 2))
     chosen = [judgements[n] for n in inside]
     beliefs = {name: _posteriors_of(name, chosen, len(labels)) for name in judgements[0].votes}
-    beliefs["fused"] = fused[inside]
+    beliefs["fused"] = np.array([j.p for j in chosen])
     entropies = {name: entropy_bits(p) for name, p in beliefs.items()}
     path = folder / f"belief-{span.label}.png"
     return [timeline, drawing.belief_figure(times_s[inside], beliefs, entropies, labels, span.label, path)]
+
+
+def _bars(stream: Recording, traffic: DemoTraffic) -> list[Any]:
+    """Each verdict; it is right if the movement to which it belongs has its label."""
+    labels = {name: row.label for row in movement_rows(stream, traffic).rows for name in row.verdict_ids}
+    return [
+        figures().VerdictBar(
+            first.label,
+            traffic.seconds(first.decided_ns),
+            last.label,
+            traffic.seconds(last.began_ns),
+            traffic.seconds(last.ended_ns or last.decided_ns),
+            *(labels.get(name) == word.label for word in (first, last)),
+        )
+        for (name, first), last in zip(traffic.first_words.items(), traffic.last_words.values(), strict=True)
+    ]
 
 
 def _last_per_frame(traffic: DemoTraffic, rate_hz: float) -> list[JudgementMessage]:

@@ -1,90 +1,64 @@
 """Faulty observers for `labanmesh evaluate --fault VIEW=KIND`: changed input or output. Seeded, pure."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.tracks import Frame, Tracker, Tracks
-
-Floats = NDArray[np.float64]
+from observer.tracks import Floats, Frame, Tracker, Tracks
 
 FAULT_DELAY_S = 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ObserverOutputs:
+class ObserverOutputs(NamedTuple):
     """Outputs in F frames of one trial: p (F, V, M), facing (F, V, M, K) or None, unlearned (F, V) or None."""
 
     p: Floats
     facing: Floats | None = None
     unlearned: Floats | None = None
 
-    def of(self, view: int) -> "ObserverOutputs":
-        """The outputs of one observer: p (F, M), facing (F, M, K), unlearned (F,)."""
-        facing = None if self.facing is None else self.facing[:, view]
-        return ObserverOutputs(self.p[:, view], facing, None if self.unlearned is None else self.unlearned[:, view])
 
-    def with_view(self, view: int, outputs: "ObserverOutputs") -> "ObserverOutputs":
-        """A copy in which one observer has other outputs."""
-        result = ObserverOutputs(
-            *(None if a is None else a.copy() for a in (self.p, self.facing, self.unlearned))  # type: ignore[arg-type]
-        )
-        result.p[:, view] = outputs.p
-        if result.facing is not None and outputs.facing is not None:
-            result.facing[:, view] = outputs.facing
-        if result.unlearned is not None and outputs.unlearned is not None:
-            result.unlearned[:, view] = outputs.unlearned
-        return result
+class FaultCase(NamedTuple):
+    """One array of an observer's outputs in a trial, (F, ...), and the same of another trial.
 
-    def at(self, frames: NDArray[np.int64]) -> "ObserverOutputs":
-        """The outputs in those frames."""
-        facing = None if self.facing is None else self.facing[frames]
-        return ObserverOutputs(self.p[frames], facing, None if self.unlearned is None else self.unlearned[frames])
+    prior: its value before any evidence, NaN where an observer does not estimate it. delay: frames in FAULT_DELAY_S.
+    """
+
+    own: Floats
+    other: Floats
+    prior: float
+    delay: int
+    rng: np.random.Generator
 
 
-def wrong(own: ObserverOutputs, other: ObserverOutputs, rate_hz: float, rng: np.random.Generator) -> ObserverOutputs:
+def wrong(case: FaultCase) -> Floats:
     """Certain and wrong: the outputs of another trial, drawn blindly; its last frame is repeated if it is shorter.
 
     The other trial may happen to show the same movement.
     """
-    return other.at(np.minimum(np.arange(len(own.p)), len(other.p) - 1))
+    return case.other[np.minimum(np.arange(len(case.own)), len(case.other) - 1)]
 
 
-def noise(own: ObserverOutputs, other: ObserverOutputs, rate_hz: float, rng: np.random.Generator) -> ObserverOutputs:
-    """A new random posterior in every frame, from nearly certain to undecided; also over facings."""
-    frames, movements = own.p.shape
-    p = rng.dirichlet(np.full(movements, 0.2), size=frames)
-    if own.facing is None:
-        return ObserverOutputs(p, None, own.unlearned)
-    facing = rng.dirichlet(np.full(own.facing.shape[2], 0.2), size=(frames, movements))
-    return ObserverOutputs(p, facing, own.unlearned)
+def noise(case: FaultCase) -> Floats:
+    """A new random distribution in every frame, from nearly certain to undecided."""
+    if np.isnan(case.prior):
+        return case.own
+    return case.rng.dirichlet(np.full(case.own.shape[-1], 0.2), size=case.own.shape[:-1])
 
 
-def silent(own: ObserverOutputs, other: ObserverOutputs, rate_hz: float, rng: np.random.Generator) -> ObserverOutputs:
+def silent(case: FaultCase) -> Floats:
     """No message: the prior in every frame."""
-    facing = None if own.facing is None else np.full_like(own.facing, 1.0 / own.facing.shape[2])
-    unlearned = None if own.unlearned is None else np.full_like(own.unlearned, np.nan)
-    return ObserverOutputs(np.full_like(own.p, 1.0 / own.p.shape[1]), facing, unlearned)
+    return np.full_like(case.own, case.prior)
 
 
-def late(own: ObserverOutputs, other: ObserverOutputs, rate_hz: float, rng: np.random.Generator) -> ObserverOutputs:
+def late(case: FaultCase) -> Floats:
     """All outputs one second late, the prior before."""
-    delay = min(round(FAULT_DELAY_S * rate_hz), len(own.p))
-    shifted = own.at(np.maximum(np.arange(len(own.p)) - delay, 0))
-    before, prior = np.arange(len(own.p)) < delay, silent(own, other, rate_hz, rng)
-    shifted.p[before] = prior.p[before]
-    if shifted.facing is not None and prior.facing is not None:
-        shifted.facing[before] = prior.facing[before]
-    if shifted.unlearned is not None and prior.unlearned is not None:
-        shifted.unlearned[before] = prior.unlearned[before]
-    return shifted
+    return np.concatenate([silent(case)[: case.delay], case.own])[: len(case.own)]
 
 
-Fault = Callable[[ObserverOutputs, ObserverOutputs, float, np.random.Generator], ObserverOutputs]
-FAULTS: Mapping[str, Fault] = {"wrong": wrong, "noise": noise, "silent": silent, "late": late}
+FAULTS: Mapping[str, Callable[[FaultCase], Floats]] = {"wrong": wrong, "noise": noise, "silent": silent, "late": late}
+UNLEARNED = ObserverOutputs._fields.index("unlearned")
 HIDDEN = "hidden"
 """A fault of the input: in the middle third of the movement no body part is visible."""
 
@@ -117,15 +91,18 @@ def disturb(
     outputs: Sequence[ObserverOutputs], views: Sequence[str], faults: Mapping[str, str], rate_hz: float, seed: int
 ) -> list[ObserverOutputs]:
     """The outputs in each trial with those of the faulty views replaced; `hidden` acts on the input, not here."""
-    rng = np.random.default_rng([seed, 1])
-    result = list(outputs)
+    rng, delay = np.random.default_rng([seed, 1]), round(FAULT_DELAY_S * rate_hz)
+    result = [ObserverOutputs(*(None if part is None else part.copy() for part in whole)) for whole in outputs]  # type: ignore[arg-type]
     for view, kind in faults.items():
         if kind not in FAULTS:
             continue
         column = list(views).index(view)
         for n, whole in enumerate(outputs):
-            other = outputs[_another(n, len(outputs), rng)].of(column)
-            result[n] = result[n].with_view(column, FAULTS[kind](whole.of(column), other, rate_hz, rng))
+            parts = zip(result[n], whole, outputs[_another(n, len(outputs), rng)], strict=True)
+            for number, (changed, own, other) in enumerate(parts):
+                if changed is not None and own is not None and other is not None:
+                    prior = np.nan if number == UNLEARNED else 1.0 / own.shape[-1]
+                    changed[:, column] = FAULTS[kind](FaultCase(own[:, column], other[:, column], prior, delay, rng))
     return result
 
 

@@ -23,7 +23,7 @@ _labanmesh() {
             "watch "*) words="--json --for" ;;
             "count "*) words="--target --once --json --for" ;;
             "capture "*) words="--output -o --for" ;;
-            "replay "*) words="--without --rule --quorum --threshold --from --json --onto --speed --only --as-recorded" ;;
+            "replay "*) words="--without --rule --quorum --threshold --from --json --onto --speed --only" ;;
             "hub mqtt") words="--remove" ;;
             "hub events") words="" ;;
             "hub "*) words="mqtt events" ;;

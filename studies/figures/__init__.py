@@ -7,8 +7,8 @@ from studies.figures.accuracy import (
     poles_figure,
     reliability_figure,
 )
-from studies.figures.over_time import LabelledInterval, belief_figure, verdict_timeline_figure
-from studies.figures.streams import StreamTimeline, VerdictBar, stream_timeline_figure
+from studies.figures.over_time import belief_figure
+from studies.figures.streams import LabelledInterval, StreamTimeline, VerdictBar, stream_timeline_figure
 
 __all__ = [
     "LabelledInterval",
@@ -21,5 +21,4 @@ __all__ = [
     "poles_figure",
     "reliability_figure",
     "stream_timeline_figure",
-    "verdict_timeline_figure",
 ]

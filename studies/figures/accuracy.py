@@ -91,31 +91,36 @@ def earliness_figure(
     """
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
-    heights = spread([accuracies[-1] for accuracies in series.values()], BAR_LABEL_GAP)
-    for place, ((name, accuracies), height) in enumerate(zip(series.items(), heights, strict=True)):
-        last = place == len(series) - 1
-        colour = COLOURS[place % len(COLOURS)]
-        marker = MARKERS[place % len(MARKERS)]
-        axes.plot(fractions, accuracies, color=colour, marker=marker, markersize=5, linewidth=2.6 if last else 1.4)
-        axes.annotate(
-            f"{name}  {accuracies[-1]:.0%}", (fractions[-1], height), xytext=(8, 0), textcoords="offset points",
-            va="center", fontsize=9, color=colour, fontweight="bold" if last else "normal",
-        )  # fmt: skip
+    _draw_accuracies(axes, fractions, series)
     if chance is not None:
         axes.axhline(chance, color=GREY, linestyle=":", linewidth=1.2)
         axes.text(fractions[0], chance + 0.01, "guessing", fontsize=8, color="#777777", va="bottom")
-    axes.set_xticks(list(fractions))
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+    axes.set_xlabel("share of the movement")
+    axes.set_ylabel("accuracy")
+    return save(figure, path)
+
+
+def _draw_accuracies(axes: Axes, at: Sequence[float], series: Mapping[str, Sequence[float]]) -> None:
+    """A line for each series, named with its last value at its end."""
+    heights = spread([accuracies[-1] for accuracies in series.values()], BAR_LABEL_GAP)
+    for place, ((name, accuracies), height) in enumerate(zip(series.items(), heights, strict=True)):
+        last = place == len(series) - 1
+        colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
+        axes.plot(at, accuracies, color=colour, marker=marker, markersize=5, linewidth=2.6 if last else 1.4)
+        axes.annotate(
+            f"{name}  {accuracies[-1]:.0%}", (at[-1], height), xytext=(8, 0), textcoords="offset points",
+            va="center", fontsize=9, color=colour, fontweight="bold" if last else "normal",
+        )  # fmt: skip
+    width = (at[-1] - at[0]) or 1
+    axes.set_xticks(list(at))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    axes.set_xlim(min(fractions) - 0.03, max(fractions) * 1.38)
+    axes.set_xlim(at[0] - 0.06 * width, at[-1] + 0.46 * width)
     axes.set_ylim(0, 1.02)
     axes.grid(axis="y", color="#E5E5E5", linewidth=0.7)
     axes.set_axisbelow(True)
-    axes.set_xlabel("share of the movement")
-    axes.set_ylabel("accuracy")
     plain(axes)
-    axes.spines["bottom"].set_bounds(min(fractions), max(fractions))
-    return save(figure, path)
+    axes.spines["bottom"].set_bounds(at[0], at[-1])
 
 
 Panel = tuple[Sequence[int], Mapping[str, Sequence[float]], Sequence[tuple[float, float]]]
@@ -128,36 +133,13 @@ def learning_figure(panels: Mapping[str, Panel], path: Path) -> Path:
     """
     figure = Figure(figsize=(4.2 * len(panels), 3.4), layout="constrained")
     drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axes, (title, panel) in zip(drawn, panels.items(), strict=True):
-        _draw(axes, panel)
+    for axes, (title, (numbers, series, ranges)) in zip(drawn, panels.items(), strict=True):
+        _draw_accuracies(axes, numbers, series)
+        colour = COLOURS[(len(series) - 1) % len(COLOURS)]
+        axes.fill_between(numbers, *zip(*ranges, strict=True), color=colour, alpha=0.15, linewidth=0)
         axes.set_xlabel(title)
     drawn[0].set_ylabel("accuracy at the end")
     return save(figure, path)
-
-
-def _draw(axes: Axes, panel: Panel) -> None:
-    numbers, series, ranges = panel
-    heights = spread([values[-1] for values in series.values()], BAR_LABEL_GAP)
-    for place, ((name, values), height) in enumerate(zip(series.items(), heights, strict=True)):
-        last = place == len(series) - 1
-        colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
-        axes.plot(numbers, values, color=colour, marker=marker, markersize=5, linewidth=2.6 if last else 1.4)
-        axes.annotate(
-            f"{name}  {values[-1]:.0%}", (numbers[-1], height), xytext=(8, 0), textcoords="offset points",
-            va="center", fontsize=8, color=colour, fontweight="bold" if last else "normal",
-        )  # fmt: skip
-        if last:
-            least, most = [pair[0] for pair in ranges], [pair[1] for pair in ranges]
-            axes.fill_between(numbers, least, most, color=colour, alpha=0.15, linewidth=0)
-    axes.set_xticks(list(numbers))
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-    width = max(numbers[-1] - numbers[0], 1)
-    axes.set_xlim(numbers[0] - 0.06 * width, numbers[-1] + 0.4 * width)
-    axes.set_ylim(0, 1.02)
-    axes.grid(axis="y", color="#E5E5E5", linewidth=0.7)
-    axes.set_axisbelow(True)
-    plain(axes)
-    axes.spines["bottom"].set_bounds(numbers[0], numbers[-1])
 
 
 CHANCE = 0.5

@@ -4,18 +4,26 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from matplotlib.patches import Rectangle
 
 from common.vocabulary import ABSTAIN
 from studies.figures.accuracy import COLOURS, GREY, INK, Axes, Figure, save
-from studies.figures.over_time import LabelledInterval
 
 LINE_S = 30.0
 """Longer streams are broken into lines of this length at most."""
 RIGHT, WRONG, UNDECIDED = COLOURS[2], COLOURS[1], "#999999"
 TRUE_ROW, FIRST_ROW, LAST_ROW = 2.1, 1.0, 0.0
 HEIGHT = 0.8
+
+
+class LabelledInterval(NamedTuple):
+    """A true movement, in seconds."""
+
+    start_s: float
+    end_s: float
+    label: str
 
 
 @dataclass(frozen=True, slots=True)

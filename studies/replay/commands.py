@@ -39,9 +39,6 @@ def replay(
     only: Annotated[
         str, typer.Option(help="With --onto: all; or posteriors, for a fusion service that runs there.")
     ] = "all",
-    as_recorded: Annotated[
-        bool, typer.Option("--as-recorded", help="With --onto: the recorded bytes with their old times.")
-    ] = False,
 ) -> None:
     """Judge a capture again, unchanged (bit for bit) or with a change, such as without one camera; or play it back.
 
@@ -58,10 +55,10 @@ def replay(
     from studies.replay.playback import PlaybackOptions
 
     change = ReplayChange(tuple(without or ()), rule, quorum, threshold)
-    options = PlaybackOptions(speed, one_of("--only", only, ("all", "posteriors")) == "posteriors", as_recorded)
+    options = PlaybackOptions(speed, one_of("--only", only, ("all", "posteriors")) == "posteriors")
     if onto is None:
         if options != PlaybackOptions():
-            raise BadInput("--speed, --only, --as-recorded: only for playing back; add --onto SCENE")
+            raise BadInput("--speed, --only: only for playing back; add --onto SCENE")
         raise typer.Exit(0 if _judge(CaptureFile(capture), change, source, json) else 1)
     if change.any or json or source:
         raise BadInput("--onto SCENE plays a capture unchanged; omit --without, --rule, --quorum, --from and --json")

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from common import SECOND_NS
 from common.capture_record import APPEARED, CaptureRecord
-from common.errors import BadInput, LabanmeshError
+from common.errors import LabanmeshError
 from common.link import Link, Publisher
 from common.messages import (
     AnyMessage,
@@ -65,11 +65,10 @@ SESSION_KEPT = 40
 
 @dataclass(frozen=True, slots=True)
 class PlaybackOptions:
-    """speed: a factor, 0 for as fast as possible; as_recorded: the recorded bytes instead of current times."""
+    """speed: a factor, 0 for as fast as possible."""
 
     speed: float = 1.0
     posteriors_only: bool = False
-    as_recorded: bool = False
 
 
 @dataclass(slots=True)
@@ -179,13 +178,8 @@ def play(
 ) -> int:
     """Publish the capture onto the mesh of `scene` until its end or `stop`; returns the number of messages.
 
-    Raises BadInput for unchanged messages of another scene, LabanmeshError when no fusion service subscribes.
+    Raises LabanmeshError when no fusion service subscribes.
     """
-    if options.as_recorded and scene.scene != capture.scene.scene:
-        raise BadInput(
-            f"--as-recorded: the messages are of scene {capture.scene.scene!r}, {scene.scene!r} would reject them; "
-            "omit --as-recorded or name a scene file of that scene"
-        )
     outline = CaptureOutline.of(capture)
     with ExitStack() as links:
         link = links.enter_context(Link.open(scene.mesh, "hub" if options.posteriors_only else "fusion"))
@@ -282,7 +276,7 @@ class _Player:
         return self._scene.keys.root + record.key.removeprefix(self._capture.scene.keys.root)
 
     def _payload(self, record: CaptureRecord) -> bytes:
-        return record.payload if self._options.as_recorded else self._times.payload(record, time.time_ns())
+        return self._times.payload(record, time.time_ns())
 
     def _publisher(self, key: str) -> Publisher:
         if key not in self._publishers:

@@ -19,10 +19,8 @@ from studies.figures import (
     earliness_figure,
     reliability_figure,
     stream_timeline_figure,
-    verdict_timeline_figure,
 )
 from studies.figures.accuracy import Figure, save, spread
-from studies.figures.over_time import _is_right, _rows
 
 RANDOM = np.random.default_rng(7)
 TIMES_S = np.arange(40) / 30
@@ -32,7 +30,6 @@ CONFIDENCE = RANDOM.random(300)
 CURVES = {"many": (CONFIDENCE, RANDOM.random(300) < CONFIDENCE), "one": (np.ones(1), np.ones(1, dtype=bool))}
 EARLY = {"door": [0.3, 0.5, 0.6], "fused": [0.3, 0.7, 0.6]}
 TRUTH = [LabelledInterval(0.1, 0.5, "ok")]
-VERDICTS = [LabelledInterval(0.2, 0.5, "shake"), LabelledInterval(0.7, 0.9, "abstain")]
 SPOKEN = [
     VerdictBar("shake", 0.3, "ok", 0.2, 0.6, False, True),
     VerdictBar("abstain", 31.0, "abstain", 29.0, 33.0, False, False),
@@ -51,7 +48,6 @@ ONE_FRAME = {"cam1": BELIEFS["cam1"][:1]}
         lambda path: earliness_figure([0.2, 0.6, 1.0], EARLY, path, chance=0.05),
         lambda path: reliability_figure(CURVES, {"many": 0.02, "one": 0.0}, path),
         lambda path: stream_timeline_figure([StreamTimeline("trial 1", 70.0, TRUTH, SPOKEN)] * 2, "anna", path),
-        lambda path: verdict_timeline_figure(TIMES_S, BELIEFS["fused"], PAPER_MOVEMENTS, TRUTH, VERDICTS, path),
     ],
 )
 def test_every_figure_is_drawn(draw, tmp_path):
@@ -63,20 +59,6 @@ def test_the_same_figure_is_the_same_bytes(tmp_path):
         reliability_figure(CURVES, {"many": 0.02, "one": 0.0}, tmp_path / name) for name in ("a.svg", "b.svg")
     )
     assert first.read_bytes() == second.read_bytes()
-
-
-def test_a_verdict_is_right_when_it_meets_a_span_of_its_label():
-    truth = [LabelledInterval(1, 2, "ok"), LabelledInterval(5, 6, "shake")]
-    assert _is_right(LabelledInterval(1.5, 3, "ok"), truth, 0) and not _is_right(LabelledInterval(5, 6, "ok"), truth, 0)
-    assert not _is_right(LabelledInterval(2, 3, "ok"), truth, 0), "touching is not meeting"
-    assert _is_right(LabelledInterval(2, 3, "ok"), truth, 0.5), "as late as the table of the demo allows"
-
-
-def test_true_movements_are_always_among_the_rows():
-    labels = [f"m{i}" for i in range(20)]
-    belief = normalise(np.tile(np.arange(20.0, 0, -1), (3, 1)))
-    rows = _rows(belief, labels, [LabelledInterval(0, 1, "m19")], [LabelledInterval(0, 1, "abstain")])
-    assert "m19" in rows and len(rows) == 10 and rows == sorted(rows, key=labels.index)
 
 
 def test_an_unknown_kind_of_file_is_bad_input(tmp_path):
