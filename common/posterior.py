@@ -109,7 +109,7 @@ class ObservedRemark(Struct, frozen=True, kw_only=True, gc=False):
 
     @property
     def words(self) -> str:
-        """For people."""
+        """The remark as a line of text."""
         return remark_words(self.joint, self.degrees, self.moment)
 
 

@@ -50,7 +50,7 @@ class JudgedRemark(Protocol):
 
     @property
     def joint(self) -> str:
-        """`left knee`."""
+        """The joint's name, as `left knee`."""
 
     @property
     def strength(self) -> float:

@@ -178,7 +178,7 @@ class SceneState:
 
     @property
     def same_ids(self) -> tuple[str, ...]:
-        """See same_id.at."""
+        """Ids that two processes use now (`same_id.at`)."""
         return same_id.at(self.same_id_reports, self.now_ns)
 
     @property

@@ -116,7 +116,7 @@ class BodyAnchor:
         self.forget()
 
     def forget(self) -> None:
-        """Start anew, with another person."""
+        """Forget the place and what is known of the parts: another person may be seen now."""
         self.place: Floats = np.full(2, np.nan)
         self._offsets: Floats = np.full((max(self._ends.shape[1], 1), 2), np.nan)
         self._first: list[Floats] = []

@@ -87,7 +87,7 @@ class ConnectionTable:
 
 
 def table_for_this_process() -> ConnectionTable:
-    """A table that leaves some of the process's descriptors to its other work."""
+    """A table whose limits leave DESCRIPTORS_KEPT of this process's file descriptors free for its other work."""
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     limit = CONNECTIONS_LIMIT
     if soft != resource.RLIM_INFINITY:

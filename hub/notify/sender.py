@@ -64,7 +64,7 @@ class WebhookSender:
         self._thread.start()
 
     def wake(self) -> None:
-        """Something new waits."""
+        """Send at once: a new notification waits in the queue."""
         self._wake.set()
 
     def close(self) -> None:

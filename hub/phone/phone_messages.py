@@ -117,7 +117,7 @@ class PhoneMessage(_PhonePart):
 
     @property
     def content(self) -> PhoneContent | None:
-        """What it holds."""
+        """The one part that is set."""
         return self.join or self.resume or self.clock or self.tracks or self.camera or self.lesson
 
 

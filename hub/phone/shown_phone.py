@@ -37,7 +37,7 @@ SHOWN_PHONES = TypeAdapter(tuple[ShownPhone, ...])
 
 
 def shown_phones_json(phones: tuple[ShownPhone, ...]) -> bytes:
-    """As JSON."""
+    """The phones as JSON, which `read_shown_phones` reads."""
     return SHOWN_PHONES.dump_json(phones)
 
 

@@ -34,7 +34,7 @@ BEGINS: dict[str, Begin] = {begin: begin for begin in ("still", "clap", "now")}
 
 
 def lesson_server_data(lesson_server: "LessonServer") -> Json:
-    """How everything stands."""
+    """The state of teaching as the page shows it: observers, known movements, and the lesson."""
     version, replies, lesson = lesson_server.version, lesson_server.observers, lesson_server.lesson
     pictures = {name for name, section in lesson_server.scene.observers.items() if section.picture_hz}
     return {

@@ -177,7 +177,7 @@ def missing_line(name: str, labels: Sequence[str]) -> str:
 
 
 def adopted_line(count: int, labels: Sequence[str]) -> str:
-    """The last line."""
+    """The line that ends a lesson whose models are in use."""
     return f"{plural(count, 'observer')} and the fusion service recognise {', '.join(labels)} from now on"
 
 

@@ -43,7 +43,10 @@ def at_all_facings(examples: Sequence[Example], folds: Sequence[Sequence[int]]) 
 
 
 def fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[list[int]]:
-    """The fewer the more examples there are, unless a movement would then have no example."""
+    """Folds merged into at least FEWEST_FOLDS: with more examples fewer, so that learning all of them takes no longer.
+
+    Unchanged if a movement would have no example outside a merged fold.
+    """
     most = max(FEWEST_FOLDS, LEARNED_AGAIN // len(examples))
     merged = [[n for fold in folds[k::most] for n in fold] for k in range(min(most, len(folds)))]
     movements = {e.movement for e in examples if e.movement >= 0}

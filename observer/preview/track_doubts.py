@@ -79,7 +79,7 @@ class Doubt:
 
     @property
     def share(self) -> float:
-        """0 to 1."""
+        """The share of those pictures that show it, 0 to 1."""
         return self.count / self.pictures if self.pictures else 0.0
 
 

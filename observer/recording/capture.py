@@ -49,12 +49,12 @@ class CameraReader:
 
     @property
     def name(self) -> str:
-        """Of the camera."""
+        """The name of the camera."""
         return self._camera.name
 
     @property
     def body_parts(self) -> tuple[str, ...]:
-        """Of its tracker."""
+        """The body parts that its tracker finds."""
         return tuple(self._camera.tracker.body_parts)
 
     @property

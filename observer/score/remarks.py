@@ -34,7 +34,7 @@ class Remark:
 
     @property
     def words(self) -> str:
-        """For people."""
+        """The line of text."""
         return remark_words(self.joint, self.degrees, self.moment)
 
 

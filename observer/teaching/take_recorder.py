@@ -133,7 +133,7 @@ class TakeRecorder:
             self._finish(current)
 
     def forget(self) -> None:
-        """Another lesson begins."""
+        """Forget the present and the last take: another lesson begins."""
         self.current = self._last = None
 
     def begin(self, request: TeachRequest, pictures: bool) -> str:

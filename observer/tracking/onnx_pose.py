@@ -83,7 +83,7 @@ class MoveNet:
         return rgb[None].astype(self.kind or "float32")
 
     def people(self, outputs: Sequence[Array]) -> list[Floats]:
-        """In pixels."""
+        """The person found: (17, 3) x, y in pixels, and confidence."""
         rows: Floats = outputs[0].reshape(KEYPOINTS, 3).astype(np.float64)
         return [rows[:, [1, 0, 2]] * (*self.size, 1.0)]
 
