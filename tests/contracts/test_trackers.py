@@ -118,5 +118,5 @@ def test_the_right_hand_is_left_of_the_head_in_the_picture(kind, tracker):
 
 
 def test_an_unknown_name_is_rejected():
-    with pytest.raises(BadInput, match="known: auto, projected, camshift, mediapipe, onnx, foreign"):
+    with pytest.raises(BadInput, match=f"known: auto, {', '.join(TRACKERS)}"):
         tracker_named("eyes", "tracker", "pictures")
