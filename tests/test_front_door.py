@@ -9,6 +9,7 @@ from typing import Annotated
 
 import pytest
 import typer
+from processes import SOON_S
 
 import labanmesh
 from common import missing_library
@@ -44,7 +45,7 @@ def verb(monkeypatch):
 
 
 def process(*words, **more):
-    return subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, **more)
+    return subprocess.run(words, capture_output=True, text=True, timeout=SOON_S, check=False, **more)
 
 
 @pytest.mark.parametrize("words", [(), ("--help",), ("-h",), ("help",)])
@@ -267,7 +268,7 @@ def test_a_closed_pipe_is_not_an_error(words):
     os.close(reading)
     try:
         command = [sys.executable, "-P", "-m", "labanmesh", *words]
-        ended = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, timeout=60, check=False)
+        ended = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, timeout=SOON_S, check=False)
     finally:
         os.close(writing)
     assert (ended.returncode, ended.stderr) == (0, b"")

@@ -192,9 +192,7 @@ def settle(stage, witness):
     """Until the movements that had ended are judged, in every scene; the movements that were performed until now."""
     until_ns = time.time_ns()
     due_ns = until_ns + 2 * SETTLE_S * SECOND_NS
-    witness.wait_for(
-        lambda w: all(at_ns > due_ns for at_ns in _judged_until(w)), timeout_s=40.0, why="judgements go on"
-    )
+    witness.wait_for(lambda w: all(at_ns > due_ns for at_ns in _judged_until(w)), why="judgements go on")
     return stage.replay.performed(stage.start_ns, stage.start_ns, until_ns)
 
 

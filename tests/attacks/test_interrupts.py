@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from attack_history import SEED
-from processes import labanmesh, until
+from processes import SOON_S, labanmesh, until
 
 from common.lifecycle import SUPERVISOR_VARIABLE
 from labanmesh import main
@@ -83,7 +83,7 @@ def end_of(process):
     began_s = time.monotonic()
     os.killpg(process.pid, signal.SIGINT)
     try:
-        text, _ = process.communicate(timeout=60)
+        text, _ = process.communicate(timeout=SOON_S)
         duration_s = time.monotonic() - began_s
         until(lambda: not running_in_group(process.pid), lambda: f"left: {running_in_group(process.pid)}")
     finally:

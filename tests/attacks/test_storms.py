@@ -57,11 +57,11 @@ def test_after_a_storm_each_movement_that_was_heard_has_one_right_verdict_that_e
     with Fleet(replay, tmp_path, scenes=scenes, secured=mesh == "secured") as stage:
         stage.play()
         witness = stage.witness()
-        witness.wait_for(all_scenes_count(stage), timeout_s=60.0, why=f"all count\n{stage.logs()}")
+        witness.wait_for(all_scenes_count(stage), why=f"all count\n{stage.logs()}")
         since_ns = witness.last["at_ns"]
         storm(stage, kind, STORM_S, chance, history)
         # A busy machine needs seconds to start what was killed last, which then ends what was decided before.
-        witness.wait_for(all_scenes_count(stage), timeout_s=60.0, why=f"all count again\n{stage.logs()}")
+        witness.wait_for(all_scenes_count(stage), why=f"all count again\n{stage.logs()}")
         performed = [one for one in settle(stage, witness) if one.began_ns > since_ns]
         results = {}
         for name in stage.scenes:
@@ -90,12 +90,12 @@ def test_after_a_storm_of_links_each_movement_has_one_right_verdict_for_every_li
     with LinkedFleet(replay, tmp_path) as stage:
         stage.play()
         witness = stage.witness()
-        witness.wait_for(all_count, timeout_s=60.0, why=f"all count\n{stage.logs()}")
+        witness.wait_for(all_count, why=f"all count\n{stage.logs()}")
         others = stage.open_listeners()
         witness.look()
         since_ns = witness.last["at_ns"]
         storm_of_links(stage, STORM_S, chance, history)
-        witness.wait_for(all_count, timeout_s=60.0, why=f"all count again\n{stage.logs()}")
+        witness.wait_for(all_count, why=f"all count again\n{stage.logs()}")
         performed = [one for one in settle(stage, witness) if one.began_ns > since_ns]
         others["watch"].look()
         results = {}

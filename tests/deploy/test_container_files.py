@@ -36,7 +36,7 @@ def tool(name):
 def composed(*files):
     """The files as docker compose merges them; every fault in them is an error of docker compose."""
     command = [tool("docker-compose"), *(f"--file={file}" for file in files), "config", "--format", "json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env={"PATH": "", "HOME": "/"})
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S, env={"PATH": "", "HOME": "/"})
     assert (done.returncode, done.stderr) == (0, "")
     return json.loads(done.stdout)
 
@@ -65,7 +65,7 @@ def understood(words):
 def test_hadolint_has_no_complaint():
     app = ROOT / "deploy" / "home-assistant" / "labanmesh" / "Dockerfile"
     command = [tool("hadolint"), "--no-color", CONTAINERFILE, app]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S)
     assert (done.returncode, done.stdout) == (0, "")
 
 

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from processes import SOON_S
 
 SCRIPT = Path(__file__).parents[2] / "deploy" / "make_environment.py"
 STAND_IN = """#!/bin/sh
@@ -43,7 +44,7 @@ def make(tmp_path):
         words = [str(tmp_path / "room"), ".[all]", "--target", "install", "--packages", "55", "--no-windows"]
         environment = {**os.environ, "TOLD": str(tmp_path), "PIP": str(status), "VENV": str(venv_status)}
         command = [sys.executable, "-c", f"import sys, runpy; {run}", *words]
-        ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
+        ended = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=SOON_S, check=False)
         assert ended.stdout == ""
         return ended.returncode, [line.removeprefix(f"{tmp_path / 'room'}: ") for line in ended.stderr.splitlines()]
 

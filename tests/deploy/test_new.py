@@ -7,6 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from processes import SOON_S
 
 from common import plugins
 from common.config import read_scene
@@ -39,10 +40,14 @@ def test_each_kind_works_where_it_is_installed(tmp_path):
         install(tmp_path, kind, f"my_{kind}")
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
     command = [sys.executable, "-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "--rootdir", tmp_path, tmp_path]
-    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100)
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=SOON_S)
     assert done.returncode == 0, done.stdout + done.stderr
     overview = subprocess.run(
-        [sys.executable, "-P", "-m", "labanmesh", "--help"], env=environment, capture_output=True, text=True, timeout=60
+        [sys.executable, "-P", "-m", "labanmesh", "--help"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=SOON_S,
     )
     assert "  my_hub       of the package labanmesh-my_hub" in overview.stdout
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from processes import SOON_S
 
 from common.config import MODELS_VARIABLE
 from labanmesh import app_of
@@ -43,7 +44,7 @@ def installed(tmp_path):
 
 def complaints(folder):
     names = [folder / name.replace("@.", "@sofa.") for name in FILES]
-    done = subprocess.run(["systemd-analyze", "verify", *names], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(["systemd-analyze", "verify", *names], capture_output=True, text=True, timeout=SOON_S)
     # verify reads the machine's own units too; complaints about those are not ours.
     return [line for line in (done.stdout + done.stderr).splitlines() if "labanmesh" in line]
 
@@ -64,7 +65,7 @@ def test_systemd_complains_about_a_fault(installed):
 @services
 def test_systemd_rates_the_services_as_confined(name):
     command = ["systemd-analyze", "security", "--offline=true", f"--threshold={NOT_BAD}", "--no-pager", UNITS / name]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S)
     if "--offline" in done.stderr:
         pytest.skip("this systemd-analyze looks at running services only")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -76,7 +77,7 @@ def test_the_users_file_is_understood(tmp_path):
         pytest.skip("systemd-sysusers is not installed")
     (tmp_path / "etc").mkdir()
     command = ["systemd-sysusers", f"--root={tmp_path}", UNITS / "labanmesh.sysusers"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=SOON_S)
     assert done.returncode == 0, done.stderr
     assert re.search("^labanmesh:", (tmp_path / "etc" / "passwd").read_text(), re.MULTILINE)
     assert {user for name in SERVICES for user in settings(name, "User")} == {"labanmesh"}

@@ -2,12 +2,11 @@
 
 import re
 import signal
-import threading
-import time
 
 import pytest
 from e2e_stage import PERFORMED, SOON_S, free_endpoint, played, started, write_scene
 from processes import labanmesh as command
+from processes import until
 
 import labanmesh
 from common.capture_file import CaptureFile
@@ -18,14 +17,6 @@ from common.vocabulary import ABSTAIN
 from common.wire import decode
 
 SEEN_FROM = ("door", "corner")
-
-
-def wait_for(condition, pause_s=0.05):
-    deadline_s = time.monotonic() + SOON_S
-    pause = threading.Event()
-    while not condition():
-        assert time.monotonic() < deadline_s
-        pause.wait(pause_s)
 
 
 def payloads(path, key):
@@ -52,10 +43,10 @@ def captured(scene_file):
         process(scene_file, "capture", scene_file, "-o", whole) as listening,
         process(scene_file, "capture", scene_file, "-o", killed) as dying,
     ):
-        wait_for(lambda: whole.exists() and killed.exists())
+        until(lambda: whole.exists() and killed.exists())
         with process(scene_file, "up", scene_file, "--exit-when-done") as up:
             # Each look reads the whole capture.
-            wait_for(lambda: payloads(killed, keys.verdict), pause_s=0.3)
+            until(lambda: payloads(killed, keys.verdict))
             dying.send_signal(signal.SIGKILL)
             _, log = up.communicate(timeout=SOON_S)
             assert up.returncode == 0, log
@@ -103,7 +94,7 @@ def played_onto(scene, scene_file, whole):
         with process(whole, *words) as player:
             assert player.wait(SOON_S) == 0, player.stdout.read()
         judgements.take(0.0)
-        wait_for(lambda: any(decode(JudgementMessage, a.payload).agreement.n == 0 for a in judgements.take(0.1)))
+        until(lambda: any(decode(JudgementMessage, a.payload).agreement.n == 0 for a in judgements.take(0.1)))
         fusion.send_signal(signal.SIGTERM)
         assert fusion.wait(SOON_S) == 0
         return [decode(VerdictMessage, arrival.payload) for arrival in verdicts.take(0.0)]

@@ -7,11 +7,11 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import pytest
+from processes import SOON_S, until
 
 from common.config import MeshConfig
 from common.link import Link
@@ -19,7 +19,6 @@ from labanmesh import main
 
 PAGE = Path(__file__).parents[2] / "docs" / "guide" / "tutorial.md"
 BLOCK = re.compile(r"(?P<before>[^\n]*\n\s*)```(?P<language>\w+)\n(?P<text>.*?)```", re.DOTALL)
-SOON_S = 60.0
 QUICK = [["labanmesh", verb] for verb in ("learn", "evaluate", "replay")]
 """They run in this process: each start of one takes half a second of a processor, and the page has nine."""
 
@@ -68,7 +67,7 @@ class Reader:
         self._second.append((command, process, log))
         if "-o" in words:
             written = self._folder / words[words.index("-o") + 1]
-            wait_for(lambda: written.exists() or process.poll() is not None)
+            until(lambda: written.exists() or process.poll() is not None)
 
     def end_second_terminal(self):
         for command, process, log in self._second:
@@ -81,13 +80,6 @@ class Reader:
         for _, process, _ in self._second:
             process.kill()
             process.wait()
-
-
-def wait_for(condition):
-    pause, deadline_s = threading.Event(), time.monotonic() + SOON_S
-    while not condition():
-        assert time.monotonic() < deadline_s
-        pause.wait(0.05)
 
 
 def plain(text):

@@ -81,13 +81,13 @@ def test_four_observers_on_two_hosts_are_taught_and_change_within_a_second(home)
         processes[camera].wait_for("no model yet")
     processes["hub"].start().wait_for("lacks the right to teach")
     teach = processes["teach"].start()
-    teach.wait_for("wave 2 of 3: kept", timeout_s=60)
+    teach.wait_for("wave 2 of 3: kept")
     processes["sofa"].kill()
     processes["sofa"].start()
-    teach.wait_for("4 observers and the fusion service recognise wave, point", timeout_s=120)
+    teach.wait_for("4 observers and the fusion service recognise wave, point")
     print(teach.log)
     again = processes["again"].start()
-    again.wait_for("4 observers and the fusion service recognise nod, bow", timeout_s=90)
+    again.wait_for("4 observers and the fusion service recognise nod, bow")
     print(again.log)
     until(lambda: len(took := changes(folder / "day.mcap")) == 1 and took)
     took_s = changes(folder / "day.mcap")
@@ -141,7 +141,7 @@ def sofa(tmp_path):
 @LONG_FORM
 def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa):
     file, fusion, observer = sofa
-    fusion.wait_for("point, 1 of 1 agree, ended", times=2, timeout_s=60)
+    fusion.wait_for("point, 1 of 1 agree, ended", times=2)
     wrong = re.findall(r"verdict (home-\d+): point, 1 of 1 agree, ended", fusion.log)
     corrected = subprocess.run(
         labanmesh("teach", file, "--was", wrong[0], "wave", "--was", wrong[1], "wave", "--person", "ben"),
@@ -151,7 +151,7 @@ def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa):
     assert corrected.returncode == 0, corrected.stderr
     assert corrected.stdout.count("was wave by ben: kept by sofa") == 2
     assert "1 observer and the fusion service recognise wave, point from now on" in corrected.stdout
-    fusion.wait_for("wave, 1 of 1 agree, ended", timeout_s=60)
+    fusion.wait_for("wave, 1 of 1 agree, ended")
     # Of what is left nothing can be learned: ben has only waved.
     forgotten = subprocess.run(labanmesh("forget", file, "--person", "anna", "--yes"), capture_output=True, text=True)
     print(forgotten.stdout)
@@ -174,7 +174,7 @@ def test_nothing_that_was_taught_counts_again_when_the_observer_starts_anew(sofa
         shutil.copy(file.with_name(name), own)
     anew = Process(labanmesh("observe", file, "sofa"), environment={"LABANMESH_MODELS": str(own)}).start()
     try:
-        fusion.wait_for("point, 1 of 1 agree, ended", timeout_s=60)
+        fusion.wait_for("point, 1 of 1 agree, ended")
         forgotten = subprocess.run(labanmesh("forget", file, "--all", "--yes"), capture_output=True, text=True)
         print(forgotten.stdout)
         assert forgotten.returncode == 0, forgotten.stderr

@@ -8,6 +8,7 @@ from pathlib import Path
 import onnx_stage
 import pytest
 from performances import DOOR
+from processes import SOON_S
 
 from common.config import read_scene
 from common.vocabulary import Vocabulary
@@ -112,7 +113,7 @@ def test_a_plain_install_names_the_missing_packages(place):
     without = "import runpy, sys; sys.modules.update(cv2=None, scipy=None); "
     run = f"{without}runpy.run_module('observer.runtime.preflight', run_name='__main__')"
     done = subprocess.run(
-        [sys.executable, "-c", run, str(place / "plain.toml")], cwd=ROOT, capture_output=True, text=True, timeout=60
+        [sys.executable, "-c", run, str(place / "plain.toml")], cwd=ROOT, capture_output=True, text=True, timeout=SOON_S
     )
     eye, motion = map(json.loads, done.stdout.splitlines())
     assert (eye["observer"], eye["lacks"], eye["faults"]) == ("eye", ["cv2"], [])

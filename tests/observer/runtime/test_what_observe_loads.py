@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from processes import SOON_S
 
 NEVER = {
     "scipy",
@@ -30,7 +31,7 @@ def test_observe_loads_only_the_packages_it_needs(place, tracker, with_pictures)
     scene += f'source = "short.npz"\nspeed = 0\ntracker = "{tracker}"\nsize_px = [160, 120]\n'
     (place / f"{tracker}.toml").write_text(scene)
     words = [sys.executable, "-c", LOOK, str(place / f"{tracker}.toml")]
-    ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=SOON_S, check=True)
     status, *modules = ended.stdout.split()
     loaded = {name.partition(".")[0] for name in modules}
     assert status == "0" and {"zenoh", "numpy"} <= loaded
