@@ -10,6 +10,7 @@ from pathlib import Path
 
 from common.errors import LabanmeshError
 from common.files import open_private
+from common.lifecycle import SUPERVISOR_VARIABLE
 from hub.teaching.interface import LOOK_S
 
 SCENE_START_S = 60.0
@@ -35,11 +36,12 @@ def scene_here(
         reason = error.strerror or error
         raise LabanmeshError(f"cannot write {log}: {reason}; start the scene yourself: labanmesh up {file}") from None
     with output:
-        # A session of its own: Ctrl-C is for the lesson, which then ends the scene in order.
+        # A session of its own: Ctrl-C is for the lesson, which then ends the scene in order. The scene also ends with a
+        # lesson that is killed, as when its terminal is closed.
         process = subprocess.Popen(  # noqa: S603 - the command line is ours
             [sys.executable, "-P", "-m", "labanmesh", "up", str(file)],
             stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
-            env={**os.environ, **environment},
+            env={**os.environ, **environment, SUPERVISOR_VARIABLE: str(os.getpid())},
         )  # fmt: skip
         try:
             end_s = time.monotonic() + SCENE_START_S
