@@ -9,8 +9,6 @@ import numpy as np
 from common import SECOND_NS
 from common.config_people import PeopleConfig
 from common.config_sections import FusionConfig
-from common.inbox import Arrival
-from common.keys import SceneKeys
 from common.messages import VerdictMessage
 from common.posterior import PosteriorMessage
 from common.wire import decode, encode
@@ -129,14 +127,13 @@ class Stage:
             view = camera(number)
             tracker = PreparedTracker(ProjectedPeople(view, parts, most), model.header.body_parts, view)
             self._observers.append(PeopleObserver(tracker, _maker(model), FloorPlacer(view, None, alone=False)))
-        keys = SceneKeys("people")
-        self._keys = [keys.posterior(name) for name in names]
+        self._names = names
         self._encoders = [PosteriorEncoder(self._vocabulary, f"s{number}") for number in range(len(models))]
         ids = PeopleConfig(most=most).ids
         config = FusionConfig(quorum=(len(names) + 1) // 2)
         self._engines = {p: FusionEngine("people", names, self._vocabulary, config, p) for p in ids}
         self._people = ScenePeople(ids)
-        self._ingest = PeopleIngest(self._people, names, lambda _: None)
+        self._ingest = PeopleIngest(self._people, lambda _: None)
 
     def run(self, positions: Floats) -> Run:
         """Judge (F, most P, 3)."""
@@ -144,16 +141,16 @@ class Stage:
         for n, content in enumerate(positions):
             at_ns = BEGIN_NS + round(n * SECOND_NS / self._rate_hz)
             now_ns, begun_s = at_ns + LATE_NS, time.process_time()
-            arrivals = []
-            for observer, encoder, key in zip(self._observers, self._encoders, self._keys, strict=True):
+            payloads = []
+            for observer, encoder, name in zip(self._observers, self._encoders, self._names, strict=True):
                 posterior = observer.step(Frame(at_ns, content))
                 messages = [encoder.encode(each, at_ns, at_ns) for each in (posterior, *posterior.others)]
-                arrivals += [Arrival(key, encode(message), now_ns) for message in messages]
+                payloads += [(name, encode(message)) for message in messages]
             observed_s = time.process_time()
-            for person, own in self._ingest.sort(arrivals, now_ns).items():
-                for arrival in own:
-                    name = arrival.key.rsplit("/", 2)[-2]
-                    self._engines[person].receive(name, decode(PosteriorMessage, arrival.payload), now_ns)
+            posteriors = [(name, decode(PosteriorMessage, payload)) for name, payload in payloads]
+            for person, own in self._ingest.sort(posteriors, now_ns).items():
+                for name, message in own:
+                    self._engines[person].receive(name, message, now_ns)
             for person, engine in self._engines.items():
                 output = engine.step(now_ns)
                 run.verdicts += [verdict for verdict in output.verdicts if verdict.stage == "ended"]

@@ -57,6 +57,8 @@ class Message(MessagePart):
 
 
 AnyMessage = Message | PosteriorMessage
+ObserverPosterior = tuple[str, PosteriorMessage]
+"""An observer's id, from the key of its message, and its posterior."""
 
 
 class VocabularyReference(MessagePart):

@@ -2,12 +2,12 @@
 
 import logging
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from common import MINUTE_NS
 from common.inbox import Arrival
 from common.keys import IDENTIFIER, observer_of
-from common.messages import ObserverStatistics, PosteriorMessage
+from common.messages import ObserverPosterior, ObserverStatistics, PosteriorMessage
 from common.wire import BadMessage, decode_from
 from fusion.engine.engine import FusionEngine
 
@@ -62,16 +62,17 @@ class RejectionLog:
 
 
 class PosteriorIngest:
-    """Passes the posteriors of one scene to its engine; the observer's id comes from the key."""
+    """Reads the posteriors of one scene, and passes them to the engines of its people.
 
-    def __init__(self, engine: FusionEngine, clock: Callable[[], int]) -> None:
-        self._engine, self._clock = engine, clock
-        self._rejections = RejectionLog()
-        self._roster = frozenset(engine.rejected)
+    first: the engine that also counts what cannot be read: of the first person, or of the only one.
+    """
 
-    def take(self, *arrivals: Arrival) -> list[int]:
-        """Take messages; a bad one is counted and dropped, never raised. Returns the capture times of those used."""
-        now_ns, frames = self._clock(), list[int]()
+    def __init__(self, first: FusionEngine) -> None:
+        self._first, self._rejections = first, RejectionLog()
+        self._roster = frozenset(first.rejected)
+
+    def read(self, arrivals: Iterable[Arrival], now_ns: int) -> Iterator[ObserverPosterior]:
+        """The posteriors in these messages; a bad one is counted and dropped, never raised."""
         for arrival in arrivals:
             observer = observer_of(arrival.key)
             if observer not in self._roster:
@@ -79,23 +80,27 @@ class PosteriorIngest:
                 self._log(observer, "unknown_observer", f"{len(arrival.payload)} bytes under {arrival.key}", now_ns)
                 continue
             try:
-                message = decode_from(arrival.key, PosteriorMessage, arrival.payload)
+                yield observer, decode_from(arrival.key, PosteriorMessage, arrival.payload)
             except BadMessage as error:
-                self._engine.reject(observer, error.reason)
+                self._first.reject(observer, error.reason)
                 self._log(observer, error.reason, error.detail, now_ns)
-                continue
-            reason = self._engine.receive(observer, message, now_ns)
+
+    def pass_on(self, posteriors: Iterable[ObserverPosterior], engine: FusionEngine, now_ns: int) -> list[int]:
+        """Give the posteriors on one person to their engine; returns the capture times of those that it uses."""
+        frames_ns = list[int]()
+        for observer, message in posteriors:
+            reason = engine.receive(observer, message, now_ns)
             if reason is None:
-                frames.append(message.captured_ns)
+                frames_ns.append(message.captured_ns)
             else:
                 self._log(observer, reason, f"seq {message.seq} of session {message.session}", now_ns)
-        return frames
+        return frames_ns
 
     def statistics(self, roster: Sequence[str]) -> dict[str, ObserverStatistics]:
         """Clock skew and rejected messages of each observer of the scene, and of others that sent some."""
         rejected = self._rejections.totals
         return {
-            observer: ObserverStatistics(skew_s=self._engine.skew_s(observer), rejected=rejected.get(observer, {}))
+            observer: ObserverStatistics(skew_s=self._first.skew_s(observer), rejected=rejected.get(observer, {}))
             for observer in dict.fromkeys((*roster, *rejected))
         }
 

@@ -56,7 +56,7 @@ class SceneMember:
         self.vocabulary = scene.named_vocabulary
         if self.vocabulary is not None:
             # A bad rule is an error now, not when the scene is taken over.
-            self._new_engine(self.vocabulary)
+            self._new_engine(self.vocabulary, None)
         self.status = ProcessStatus(scene.scene, service.own)
         self.status.session = service.session
         self._session = service.link.sub_session(polled=service.polled)
@@ -291,7 +291,7 @@ class SceneMember:
                 level = logging.WARNING if state == "degraded" else logging.INFO
                 log.log(level, "%s: %s", self.scene.scene, reason or "publishing")
 
-    def _new_engine(self, vocabulary: Vocabulary, person: str | None = None) -> FusionEngine:
+    def _new_engine(self, vocabulary: Vocabulary, person: str | None) -> FusionEngine:
         config = self.scene.fusion.model_copy(update={"id": self._service.own})
         engine = FusionEngine(self.scene.scene, list(self.scene.roster), vocabulary, config, person)
         engine.session = self._service.session

@@ -1,13 +1,13 @@
 """Judges one person of a scene: posteriors in, judgements and verdicts out. Most scenes have one person."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from common.config import Scene
-from common.inbox import Arrival, Presence
+from common.inbox import Presence
 from common.keys import observer_of
-from common.messages import JudgementMessage, ObserverStatistics, VerdictMessage
+from common.messages import JudgementMessage, ObserverPosterior, VerdictMessage
 from common.status import ProcessStatus
 from common.subsession import SubSession
 from common.vocabulary import Vocabulary
@@ -54,7 +54,6 @@ class PersonWorker:
         """session, duty: of the scene. is_reachable: whether listeners receive what is published now."""
         self._scene, self._clock, self._ticks = scene.scene, service.clock, service.ticks
         self.engine, self._status, self._duty, self._is_reachable = engine, status, duty, is_reachable
-        self._ingest = PosteriorIngest(engine, service.clock)
         is_full = scene.fusion.votes == "full"
         self.publisher = VerdictPublisher(session, scene.keys, engine, file, is_full, service.put)
         self._alive: frozenset[str] | None = None
@@ -67,9 +66,11 @@ class PersonWorker:
         """Whether no movement is in progress."""
         return self.publisher.at_rest
 
-    def collect(self, arrivals: Sequence[Arrival], present: Presence) -> tuple[int, PoolingCase | None]:
+    def collect(
+        self, posteriors: Iterable[ObserverPosterior], ingest: PosteriorIngest, present: Presence
+    ) -> tuple[int, PoolingCase | None]:
         """Take what has arrived about this person; returns the time, and the case to pool if the service fuses."""
-        if arrivals and (frames_ns := self._ingest.take(*arrivals)):
+        if frames_ns := ingest.pass_on(posteriors, self.engine, self._clock()):
             self._status.record_frames(frames_ns, self._clock())
         if present.alive is not self._alive:
             # After the posteriors: a last one must not bring back an observer that has gone.
@@ -100,10 +101,6 @@ class PersonWorker:
         self.publisher.publish(published, output.judgement, vocabulary, self._ticks())
         self._log_waiting(output.judgement)
         return output, published
-
-    def statistics(self, roster: Sequence[str]) -> dict[str, ObserverStatistics]:
-        """Clock skew and rejected messages of each observer."""
-        return self._ingest.statistics(roster)
 
     def stand_down(self) -> None:
         """Stop publishing, because another service is the owner: see reconciliation.py."""

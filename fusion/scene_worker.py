@@ -8,23 +8,22 @@
 """
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from common import SECOND_NS
 from common.clock_skew import ClockQuerier
 from common.config import Scene
 from common.inbox import Arrival
 from common.load import LoadMeter
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, ObserverPosterior, VerdictMessage
 from common.status import ProcessStatus
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode_vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFiles
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
-from fusion.ingest import NEWEST, newest
+from fusion.ingest import NEWEST, PosteriorIngest, newest
 from fusion.people import ScenePeople
 from fusion.people_ingest import PeopleIngest
 from fusion.person_worker import Duty, PersonWorker
@@ -39,13 +38,6 @@ TOGETHER_S = 3.0
 """Who comes so long after the first posterior comes into a scene that runs: no observer is waited for."""
 ALONE = ""
 """Stands for the only person of a scene that judges one."""
-
-
-class NewEngine(Protocol):
-    """Makes an engine in a vocabulary, for one of several people or for all that the scene has."""
-
-    def __call__(self, vocabulary: Vocabulary, person: str | None = None) -> FusionEngine:
-        """The engine."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +74,15 @@ class SceneWorker:
         self,
         scene: Scene,
         service: Service,
-        new_engine: NewEngine,
+        new_engine: Callable[[Vocabulary, str | None], FusionEngine],
         vocabulary: Vocabulary,
         status: ProcessStatus,
         files: CheckpointFiles,
         hand_over: Callable[[str], bytes | None],
     ) -> None:
-        """hand_over: called between two steps with the id of a service that asks for the scene."""
+        """new_engine: makes the engine of a person; None: of the only one. hand_over: called between two steps with the
+        id of a service that asks for the scene.
+        """
         self._scene, self._own, self._status = scene, service.own, status
         self._clock, self._ticks, self._link = service.clock, service.ticks, service.link
         self.duty, self._reachable = Duty(), Reachability()
@@ -104,11 +98,17 @@ class SceneWorker:
         names = [*map(keys.posterior, scene.roster)] if service.polled else ()
         self._posteriors = self._session.newest(*names) if is_one else self._session.inbox(*names)
         self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
-        self._workers = self._workers_of(service, new_engine, vocabulary, files)
+        self._workers = {
+            person: PersonWorker(
+                scene, service, new_engine(vocabulary, person or None), status, files.files.get(person), self._session,
+                self.duty, self._is_reachable,
+            )
+            for person in ((ALONE,) if is_one else scene.people.ids)
+        }  # fmt: skip
         self._first = next(iter(self._workers.values()))
         self.people = None if is_one else ScenePeople(scene.people.ids)
-        skew_s = self._first.engine.skew_s
-        self._ingest = None if self.people is None else PeopleIngest(self.people, scene.roster, skew_s)
+        self._ingest = PosteriorIngest(self._first.engine)
+        self._by_person = None if self.people is None else PeopleIngest(self.people, self._first.engine.skew_s)
         status_keys = keys.observer_status()
         self._clocks = ClockQuerier(self._session, status_keys, self._clock, service.wake, service.ask_clocks_s)
         self._vocabulary = encode_vocabulary(scene.scene, vocabulary, service.own)
@@ -117,19 +117,6 @@ class SceneWorker:
         self._session.answer(keys.verdict, self._last_verdicts)
         self._received_s, self._load = service.ticks(), LoadMeter("posteriors", OVERLOAD_WAY_OUT)
         self._first_ns: int | None = None
-
-    def _workers_of(
-        self, service: Service, new_engine: NewEngine, vocabulary: Vocabulary, files: CheckpointFiles
-    ) -> dict[str, PersonWorker]:
-        """The worker of each person by id, ALONE in a scene that judges one."""
-        scene = self._scene
-        return {
-            person: PersonWorker(
-                scene, service, new_engine(vocabulary, person or None), self._status, files.files.get(person),
-                self._session, self.duty, self._is_reachable,
-            )
-            for person in ((ALONE,) if scene.people.most == 1 else scene.people.ids)
-        }  # fmt: skip
 
     @property
     def complaint(self) -> str:
@@ -152,12 +139,15 @@ class SceneWorker:
         self._received_s = self._ticks() if arrivals else self._received_s
         read = newest(arrivals, NEWEST * len(self._workers))
         self._load.record(round(self._ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
-        of_person = {ALONE: read} if self._ingest is None else self._sorted(self._ingest, read)
+        posteriors = self._ingest.read(read, self._clock())
+        of_person: Mapping[str, Iterable[ObserverPosterior]] = {ALONE: posteriors}
+        if self._by_person is not None:
+            of_person = self._sorted(self._by_person, list(posteriors))
         each = []
         for person, worker in self._workers.items():
             own = of_person.get(person, ())
             if own or self._is_judged(person):
-                now_ns, case = worker.collect(own, self.present)
+                now_ns, case = worker.collect(own, self._ingest, self.present)
                 if case is not None:
                     each.append((worker, now_ns, case))
         return StepInput(len(arrivals), len(read), each)
@@ -177,8 +167,7 @@ class SceneWorker:
     def read_clocks(self) -> None:
         """Ask for the observers' clocks if it is due, and take the answers; after a step, when no listener waits."""
         if self._clocks.ask_if_due():
-            # Of the first person's worker, which also counts what is of nobody.
-            self._status.observers = self._first.statistics(self._scene.roster)
+            self._status.observers = self._ingest.statistics(self._scene.roster)
         for status, reading in self._clocks.readings():
             for worker in self._workers.values():
                 worker.engine.record_clock(status.id, reading)
@@ -254,12 +243,14 @@ class SceneWorker:
         self._requests.close()
         self._session.close()
 
-    def _sorted(self, ingest: PeopleIngest, arrivals: Sequence[Arrival]) -> Mapping[str, Sequence[Arrival]]:
-        """The arrivals by person, each of whom is told where they are."""
+    def _sorted(
+        self, ingest: PeopleIngest, posteriors: Sequence[ObserverPosterior]
+    ) -> Mapping[str, Sequence[ObserverPosterior]]:
+        """The posteriors by person, each of whom is told where they are."""
         now_ns, before = self._clock(), ingest.people.present
-        if arrivals and self._first_ns is None:
+        if posteriors and self._first_ns is None:
             self._first_ns = now_ns
-        result = ingest.sort(arrivals, now_ns)
+        result = ingest.sort(posteriors, now_ns)
         for person in ingest.people.present:
             # Not all observers need to see somebody who comes into a scene that runs.
             if person not in before and abs(now_ns - (self._first_ns or now_ns)) > TOGETHER_S * SECOND_NS:

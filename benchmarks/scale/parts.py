@@ -97,7 +97,7 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
     keys, now_ns = scene.keys, time.time_ns()
     engine = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     status = ProcessStatus(scene.scene, "fusion")
-    ingest = PosteriorIngest(engine, lambda: now_ns)
+    ingest = PosteriorIngest(engine)
     took_s: list[float] = []
     verdict: VerdictMessage | None = None
     for seq in range(CALLS):
@@ -106,7 +106,8 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
         payloads = [template.at(seq, now_ns - 20_000_000) for template in own]
         begun_s = time.thread_time()
         for n, payload in enumerate(payloads):
-            status.record_frames(ingest.take(Arrival(keys.posterior(f"cam{n}"), payload, now_ns)), now_ns)
+            posteriors = ingest.read([Arrival(keys.posterior(f"cam{n}"), payload, now_ns)], now_ns)
+            status.record_frames(ingest.pass_on(posteriors, engine, now_ns), now_ns)
         took_s.append((time.thread_time() - begun_s) / OBSERVERS)
         output = engine.step(now_ns)
         verdict = next(iter(output.verdicts), verdict)

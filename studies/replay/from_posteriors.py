@@ -14,7 +14,7 @@ from common.arrival import Arrival
 from common.capture_record import APPEARED, CaptureRecord
 from common.clock_skew import ClockReading
 from common.keys import observer_of
-from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
+from common.messages import ObserverPosterior, PosteriorMessage, StatusMessage, VerdictMessage
 from common.wire import BadMessage, decode, decode_from
 from studies.fusion_engine import EngineOutput, FusionEngine, PeopleIngest, ScenePeople
 from studies.replay.from_judgements import ReplayChange, Vocabularies, vocabulary_of
@@ -65,7 +65,7 @@ class _CaptureIngest:
         self._keys, self._engines, self._first = scene.keys, engines, next(iter(engines.values()))
         self._people: PeopleIngest | None = None
         if scene.people.most > 1:
-            self._people = PeopleIngest(ScenePeople(scene.people.ids), observers, self._first.skew_s)
+            self._people = PeopleIngest(ScenePeople(scene.people.ids), self._first.skew_s)
         self._alive: frozenset[str] = frozenset()
 
     def is_relevant(self, record: CaptureRecord) -> bool:
@@ -93,14 +93,24 @@ class _CaptureIngest:
         self._receive(arrivals, now_ns)
 
     def _receive(self, arrivals: Sequence[Arrival], now_ns: int) -> None:
-        of_person = {None: arrivals} if self._people is None else self._people.sort(arrivals, now_ns)
-        for person, own in of_person.items():
-            for arrival in own:
-                observer, engine = observer_of(arrival.key), self._engines[person]
-                try:
-                    engine.receive(observer, decode_from(arrival.key, PosteriorMessage, arrival.payload), now_ns)
-                except BadMessage as error:
-                    engine.reject(observer, error.reason)
+        posteriors = self._decoded(arrivals)
+        of_person: Iterable[tuple[str | None, Iterable[ObserverPosterior]]] = [(None, posteriors)]
+        if self._people is not None:
+            of_person = self._people.sort(posteriors, now_ns).items()
+        for person, own in of_person:
+            for observer, message in own:
+                self._engines[person].receive(observer, message, now_ns)
+
+    def _decoded(self, arrivals: Iterable[Arrival]) -> Iterator[ObserverPosterior]:
+        for arrival in arrivals:
+            observer = observer_of(arrival.key)
+            try:
+                message = decode_from(arrival.key, PosteriorMessage, arrival.payload)
+            except BadMessage as error:
+                self._first.reject(observer, error.reason)
+                continue
+            if observer in self._first.rejected:
+                yield observer, message
 
     def _read_clock(self, observer: str, record: CaptureRecord) -> None:
         # The status was not requested, so its travel time is unknown: only a clearly wrong clock is corrected.

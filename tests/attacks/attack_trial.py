@@ -102,7 +102,7 @@ class _Trial:
         config = FusionConfig(quorum=min(default_quorum(case.judges), seeing))
         self.engine = FusionEngine("dojo", [*honest, HOSTILE], person.vocabulary, config)
         self.now_ns = BEGAN_NS
-        self.ingest = PosteriorIngest(self.engine, lambda: self.now_ns)
+        self.ingest = PosteriorIngest(self.engine)
         self.reference = VocabularyReference(name=person.vocabulary.name, hash=person.vocabulary.digest)
         self.own = person.course("side")
         self.hostile = STRATEGIES.get(case.strategy)
@@ -136,10 +136,14 @@ class _Trial:
         frame = min(int(at_s * self.person.stream.rate_hz), len(self.person.stream.positions) - 1)
         key = f"laban/dojo/observer/{name}/posterior"
         if name != HOSTILE:
-            self.ingest.take(Arrival(key, self._honest(name, seq, self.courses[name], frame), self.now_ns))
+            self._take(key, self._honest(name, seq, self.courses[name], frame))
         elif self.hostile is not None:
             for payload in self.hostile(self._moment(seq, frame)):
-                self.ingest.take(Arrival(key, payload, self.now_ns))
+                self._take(key, payload)
+
+    def _take(self, key, payload):
+        posteriors = self.ingest.read([Arrival(key, payload, self.now_ns)], self.now_ns)
+        self.ingest.pass_on(posteriors, self.engine, self.now_ns)
 
     def _honest(self, name, seq, course, frame):
         unlearned = float(course.unlearned[frame])

@@ -34,14 +34,14 @@ def payloads(seq, at_ns, moves):
 def test_few_files_run_from_the_receipt_of_a_posterior_to_its_verdict():
     files, stages, now_ns = set(), [], 1_700_000_000 * SECOND_NS
     engine = engine_of(SCENE)
-    ingest = PosteriorIngest(engine, lambda: now_ns)
+    ingest = PosteriorIngest(engine)
     for seq in range(60):
         now_ns += STEP_NS
         sent, before = payloads(seq, now_ns, moves=10 <= seq < 40), sys.getprofile()
         sys.setprofile(lambda frame, *_: files.add(frame.f_code.co_filename))
         try:
             for key, payload in sent.items():
-                ingest.take(Arrival(key, payload, now_ns))
+                ingest.pass_on(ingest.read([Arrival(key, payload, now_ns)], now_ns), engine, now_ns)
             output = engine.step(now_ns)
             for published in (*output.verdicts, output.judgement):
                 encode(published)

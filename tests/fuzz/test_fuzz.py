@@ -68,20 +68,25 @@ class LeadingEngine(FusionEngine):
         return reason
 
 
+def take(ingest, engine, key, payload, now_ns):
+    """One message that arrives now."""
+    ingest.pass_on(ingest.read([Arrival(key, payload, now_ns)], now_ns), engine, now_ns)
+
+
 def test_bad_messages_change_no_judgement(caplog):
     caplog.set_level(logging.CRITICAL, "labanmesh.fusion")
     quiet, now_ns = new_engine(), NOON_NS
     noisy = new_engine(LeadingEngine, quiet)
-    ingest = PosteriorIngest(noisy, lambda: now_ns)
+    ingest = PosteriorIngest(noisy)
     mutator, before_kb, compared = Mutator(SEED + 1), peak_kb(), 0
     for n in range(MESSAGES):
         observer = OBSERVERS[n % len(OBSERVERS)]
         # Observers restart now and then, so that no spoiled session or number silences them for long.
         good = encode(posterior(mutator.rng, observer, n, now_ns, session=f"s{n // 60}"))
         where = observer if n % 7 else OTHER_IDS[n // 7 % len(OTHER_IDS)]
-        ingest.take(Arrival(KEY.format(where), mutator.next(good), now_ns))
+        take(ingest, noisy, KEY.format(where), mutator.next(good), now_ns)
         if n % 3 == 0:
-            ingest.take(Arrival(KEY.format(observer), good, now_ns))
+            take(ingest, noisy, KEY.format(observer), good, now_ns)
         now_ns += FRAME_NS // len(OBSERVERS)
         if n % STEP_EVERY == 0:
             one, other = noisy.step(now_ns), quiet.step(now_ns)
@@ -97,15 +102,15 @@ def test_bad_messages_change_no_judgement(caplog):
 
 def test_an_observer_counts_again_after_forged_messages_in_its_name():
     engine, now_ns, mutator = new_engine(), NOON_NS, Mutator(SEED + 2)
-    ingest = PosteriorIngest(engine, lambda: now_ns)
+    ingest = PosteriorIngest(engine)
     for n in range(MESSAGES // 10):
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n, now_ns))
-        ingest.take(Arrival(KEY.format("cam1"), mutator.next(good), now_ns))
+        take(ingest, engine, KEY.format("cam1"), mutator.next(good), now_ns)
     for later in range(150):  # five seconds without forged messages
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n + 1 + later, now_ns))
-        ingest.take(Arrival(KEY.format("cam1"), good, now_ns))
+        take(ingest, engine, KEY.format("cam1"), good, now_ns)
     assert engine.step(now_ns).judgement.votes["cam1"].state in ("counted", "stale")
 
 
@@ -153,11 +158,11 @@ def spoiled(**fields):
 )
 def test_each_reason_is_counted_and_changes_no_judgement(payload, reason):
     engine = new_engine()
-    ingest = PosteriorIngest(engine, lambda: NOON_NS)
+    ingest = PosteriorIngest(engine)
     for observer in OBSERVERS:
-        ingest.take(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
+        take(ingest, engine, KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS)
     before = engine.step(NOON_NS).judgement
-    ingest.take(Arrival(KEY.format("cam1"), payload, NOON_NS))
+    take(ingest, engine, KEY.format("cam1"), payload, NOON_NS)
     after = engine.step(NOON_NS).judgement
     assert belief(after) == belief(before) and np.isclose(sum(after.p), 1.0)
     assert ingest.statistics(OBSERVERS)["cam1"].rejected == engine.rejected["cam1"] == {reason: 1}

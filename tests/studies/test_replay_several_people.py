@@ -3,7 +3,6 @@
 import pytest
 from replay_stage import NAMES, NOON, OBSERVERS, ROOT, a_scene, key_of, labels, steps
 
-from common.arrival import Arrival
 from common.capture_record import CaptureRecord
 from common.config_people import PeopleConfig
 from common.floor_place import FloorPlace
@@ -30,24 +29,22 @@ def recorded(scene):
     """The records of a service that judges both."""
     people = ScenePeople(scene.people.ids)
     engines = {p: FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion, p) for p in scene.people.ids}
-    ingest = PeopleIngest(people, OBSERVERS, lambda _: None)
+    ingest = PeopleIngest(people, lambda _: None)
     result = [CaptureRecord("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)]
     plays = {track: steps(play, seed=n) for n, (track, play) in enumerate(PLAYS.items())}
     for (at_ns, left), (_, right) in zip(plays["l"], plays["r"], strict=True):
-        arrivals, messages = [], {}
+        posteriors = []
         for track, own in (("l", left), ("r", right)):
             for message in own:
                 place = FloorPlace(at=PLACES[track], covariance=(0.04, 0.0, 0.04))
                 fields = {"person": track, "place": place, "seq": 2 * message.seq + (track == "r")}
-                payload = encode(message.with_fields(**fields))
-                arrivals.append(Arrival(key_of(message.observer), payload, at_ns))
-                messages[payload] = message.observer, message.with_fields(**fields)
-        result += [CaptureRecord("put", arrival.key, arrival.payload, at_ns) for arrival in arrivals]
-        for person, own in ingest.sort(arrivals, at_ns).items():
+                posteriors.append((message.observer, message.with_fields(**fields)))
+        result += [CaptureRecord("put", key_of(name), encode(message), at_ns) for name, message in posteriors]
+        for person, own in ingest.sort(posteriors, at_ns).items():
             place = people.place(person, at_ns)
             engines[person].place = None if place is None else [round(each, 2) for each in place]
-            for arrival in own:
-                engines[person].receive(*messages[arrival.payload], at_ns)
+            for posterior in own:
+                engines[person].receive(*posterior, at_ns)
         for engine in engines.values():
             output = engine.step(at_ns)
             result += [CaptureRecord("put", f"{ROOT}/verdict", encode(each), at_ns) for each in output.verdicts]
