@@ -135,7 +135,7 @@ class Aftermath:
 
 def aftermath(performed, judgements, verdicts):
     """Compares the verdicts that a witness received with what was performed."""
-    words = _words(verdicts)
+    words = _words(verdicts, judgements)
     result = Aftermath(len(performed))
     ids = [[] for _ in performed]
     for name, word in words.items():
@@ -166,26 +166,52 @@ def _last(performed):
     return max((one.ended_ns for one in performed), default=0)
 
 
-def _words(verdicts):
-    """By id the last label, span and stages; ids that a `same_as` joins are one, as hubs show them."""
+def _words(verdicts, judgements):
+    """By id the last label, span and stages, as a listener has them that follows wire.md, "One movement, one name"."""
     words, joined = {}, {}
     for verdict in verdicts:
-        name = joined.get(verdict["id"], verdict["id"])
+        own, said = verdict["id"], (verdict["stage"], verdict["label"])
+        is_new = own not in words and own not in joined and verdict.get("same_as") is None
+        known = [name for name, word in words.items() if is_new and _is_same(word, verdict, judgements)]
+        for name in known:
+            joined[own] = name
+        name = joined.get(own, own)
         if verdict.get("same_as") is not None:
-            if name not in words or words[name]["ended"]:
+            if own not in words or words[own]["ended"]:
                 continue
             if verdict["same_as"] and verdict["same_as"] not in words:
-                joined[verdict["same_as"]] = name
-        elif name != verdict["id"]:
+                joined[verdict["same_as"]] = own
+        elif name != own and (
+            verdict["ended_ns"] is None or words[name]["ended"] or verdict["label"] != words[name]["label"]
+        ):
             continue
-        word = words.setdefault(name, {"stages": [], "ended": False, "began": verdict["began_ns"]})
+        word = words.setdefault(name, {"stages": [], "ended": False, "began": verdict["began_ns"], "first": verdict})
         word["label"], word["end"] = verdict["label"], verdict["ended_ns"] or verdict["decided_ns"]
-        said = (verdict["stage"], verdict["label"])
         if word["stages"][-1:] != [said]:
-            # The second of two equal words is ignored by hubs too (hub/same_movement.py).
+            # The second of two equal words is ignored by hubs too.
             word["stages"].append(said)
         word["ended"] = word["ended"] or verdict["ended_ns"] is not None
     return words
+
+
+def _is_same(word, verdict, judgements):
+    """Rule 1: two services, one label and person, and half of the shorter time in common. Hubs have applied it."""
+    first = word["first"]
+    if "fusion" not in verdict or word["label"] != verdict["label"] or first.get("person") != verdict.get("person"):
+        return False
+    if all(first[name] == verdict[name] for name in ("fusion", "session")):
+        return False
+    shown = [
+        one["at_ns"]
+        for one in judgements
+        if one["arrived_ns"] < verdict["arrived_ns"] and (one["movement"] or {}).get("id") == first["id"]
+    ]
+    spans = [
+        (word["began"], word["end"] if word["ended"] else max([first["at_ns"], *shown])),
+        (verdict["began_ns"], verdict["ended_ns"] or verdict["at_ns"]),
+    ]
+    shared = min(end for _, end in spans) - max(began for began, _ in spans)
+    return shared >= 0 and 2 * shared >= min(end - began for began, end in spans)
 
 
 def settle(stage, witness):

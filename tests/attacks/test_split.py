@@ -80,12 +80,16 @@ def test_after_a_split_there_is_one_leader_and_one_verdict_a_movement_for_every_
         near.wait_for(lambda w: w.last["at_ns"] > healed_ns + 12 * SECOND_NS, why="movements after the split")
         far.look()
         movements = replay.performed(stage.start_ns, since_ns, near.last["at_ns"] - round(2 * SETTLE_S * SECOND_NS))
+        results = {}
         for name, hub in {"near": near, "far": far, **others}.items():
             judgements = (near if name.startswith("near") else far).judgements
-            result = aftermath(movements, judgements, hub.verdicts)
+            results[name] = result = aftermath(movements, judgements, hub.verdicts)
             history.note(name, result=str(result), detail=vars(result))
             print(name, result)
-            assert not (result.doubled or result.unended or result.wrong), f"{vars(result)}\n{stage.logs()}"
+        harmed = {name: vars(each) for name, each in results.items() if each.doubled or each.unended or each.wrong}
+        if harmed:
+            history.keep_more("messages.json", json.dumps({"near": near.messages, "far": far.messages}))
+        assert not harmed, f"{harmed}\n{stage.logs()}"
         joined_ns = next(
             one["arrived_ns"] for one in far.judgements if one["arrived_ns"] > healed_ns and all_joined(one)
         )

@@ -145,26 +145,33 @@ def test_after_a_storm_each_movement_of_two_people_has_one_right_verdict_that_en
 
 
 def judged(at_s, heard=2):
-    return {"at_ns": int(at_s * SECOND_NS), "agreement": {"n": heard}}
+    at_ns = int(at_s * SECOND_NS)
+    return {"at_ns": at_ns, "arrived_ns": at_ns, "movement": None, "agreement": {"n": heard}}
 
 
-def word(name, label, began_s, ended_s=None, **fields):
+def word(name, label, began_s, ended_s=None, of="", **fields):
     end_ns = None if ended_s is None else int(ended_s * SECOND_NS)
     times = {"began_ns": int(began_s * SECOND_NS), "decided_ns": int((began_s + 0.5) * SECOND_NS), "ended_ns": end_ns}
+    if of:
+        at_ns = end_ns or times["decided_ns"]
+        fields |= {"fusion": of, "session": "", "at_ns": at_ns, "arrived_ns": at_ns}
     return {"id": name, "label": label, "stage": "decided" if end_ns is None else "ended", **times, **fields}
 
 
 def test_the_aftermath_tells_what_was_lost_from_what_nobody_could_hear():
-    performed = [Movement(label, 4 * n * SECOND_NS, (4 * n + 2) * SECOND_NS) for n, label in enumerate("abcdefg")]
-    times = [t / 10 for t in range(300) if not 120 < t < 140]
+    performed = [Movement(label, 4 * n * SECOND_NS, (4 * n + 2) * SECOND_NS) for n, label in enumerate("abcdefgh")]
+    times = [t / 10 for t in range(340) if not 120 < t < 140]
     verdicts = [
         word("1", "a", 0.1), word("1", "a", 0.1, 2.1),
         word("2", "x", 4.1), word("2", "x", 4.1, 6.1),
         word("5", "e", 16.1), word("5", "e", 16.1, 17.9, same_as="5b"), word("5b", "e", 16.2, 18.0),
         word("6", "f", 20.1), word("7", "g", 24.1), word("7", "g", 24.2, 25.0), word("8", "g", 25.1, 25.9),
+        # Both services have decided when the halves of a network meet.
+        word("9", "h", 28.1, of="first"), word("9b", "h", 28.2, of="second"),
+        word("9", "h", 28.1, 28.8, of="first", same_as="9b"), word("9b", "h", 28.2, 30.0, of="second"),
     ]  # fmt: skip
     result = aftermath(performed, [judged(at_s) for at_s in times], verdicts)
-    assert (result.right, result.unended, result.wrong) == (4, ["6"], [(1, "b", ["x"])])
+    assert (result.right, result.unended, result.wrong) == (5, ["6"], [(1, "b", ["x"])])
     assert (result.lost, result.unheard, result.doubled) == ([(2, "c")], [(3, "d")], [(6, ["7", "8"])])
     assert not result.harmless and not result.few
     one_observer = [judged(at_s, 1 if 80 <= at_s * 10 <= 100 else 2) for at_s in times]
