@@ -188,7 +188,9 @@ class IdCheck:
 
     def __init__(self, scenes: Sequence[Scene], own: str, link: Link) -> None:
         # One scene suffices: a process announces itself in all of its scenes.
-        keys = scenes[0].keys
+        keys, first = scenes[0].keys, scenes[0]
+        # On one machine the first service listens: with a second one of its id the link could not have been opened.
+        self._is_alone = first.mesh.mode == "machine" and own == first.fusion.id
         self._alive, self._detector = keys.fusion_alive(own), SameIdDetector("", float("-inf"), 0.0)
         self._session = link.sub_session()
         self._presence = self._session.presence(self._alive)
@@ -203,6 +205,8 @@ class IdCheck:
         """
         asked_s = time.monotonic()
         with self._session:
+            if self._is_alone:
+                return not stop.is_set()
             # Once in any case: what has arrived while the process was busy needs a moment to be taken.
             while not stop.wait(0.02):
                 now_s = time.monotonic()

@@ -1,10 +1,15 @@
 """`labanmesh fuse`: which scenes one service can serve, and as whom; what it cannot is one line."""
 
+from threading import Event
+from unittest.mock import MagicMock
+
 import pytest
 
 from common.config import read_scene, require_compatible
 from common.errors import BadInput
+from common.keys import SceneKeys
 from fusion.commands import scene_files
+from fusion.same_id import IdCheck
 from fusion.server import SteadyClock
 
 
@@ -56,6 +61,19 @@ def test_a_service_is_one_that_the_scene_names_or_any_where_scenes_are_shared(tm
     for scene, shared in ((plain, False), (standby, True)):
         with pytest.raises(BadInput, match=r"fusion service 'north': not in the scene .*; known: fusion.*standby"):
             scene.require_service("north", shared=shared)
+
+
+def test_a_service_waits_for_another_one_of_its_id_only_where_it_does_not_listen_itself(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr("fusion.same_id._Questions.ask", lambda *_: asked.append(1))
+    monkeypatch.setattr("fusion.same_id.DISCOVERY_S", 0.0)
+    link, token = MagicMock(), SceneKeys("a").fusion_alive("fusion")
+    link.sub_session.return_value.presence.return_value.alive = {token}
+    for more, waits in (("", False), ('[mesh]\nmode = "router"\n', True)):
+        (tmp_path / "a.toml").write_text(text("a", more))
+        check = IdCheck([read_scene(tmp_path / "a.toml", {})], "fusion", link)
+        monkeypatch.setattr("fusion.same_id.TOKEN_TIMEOUT_S", 0.0)
+        assert check.is_free(Event()) and bool(asked) is waits
 
 
 def test_the_services_clock_does_not_jump_within_a_movement_and_follows_at_rest():
