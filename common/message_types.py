@@ -6,8 +6,6 @@ from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from common.text import printable
-
 ROUND_OFF = 1e-6
 """A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
 TEXT_LIMIT = 200
@@ -34,6 +32,13 @@ FACINGS_LIMIT: Final = 72
 """Directions of a facing: 5 degrees apart."""
 ROOT_LIMIT: Final = 255
 """The root of a probability of 1 in a message."""
+
+
+def printable(text: str) -> str:
+    """`text` with `?` for characters that could control a terminal; whatever comes over the network may have some."""
+    if text.isprintable():
+        return text
+    return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def _clamp(value: float) -> float:

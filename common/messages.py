@@ -276,6 +276,14 @@ class VocabularyMessage(Message):
             raise ValueError(f"hash {self.hash!r} does not fit the labels, whose hash is {digest!r}")
         return self
 
+    @classmethod
+    def of(cls, scene: str, vocabulary: Vocabulary, fusion: str | None = None) -> "VocabularyMessage":
+        """The message that carries `vocabulary`."""
+        labels, movements = list(vocabulary.labels), dict(vocabulary.movements)
+        return cls(
+            scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=labels, movements=movements, fusion=fusion
+        )
+
     @property
     def vocabulary(self) -> Vocabulary:
         """The vocabulary itself."""

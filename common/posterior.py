@@ -24,10 +24,10 @@ from common.message_types import (
     ROUND_OFF,
     SURPRISE_LIMIT,
     TEXT_LIMIT,
+    printable,
     require_table,
 )
 from common.score import BEST_SCORE, REMARK_LIMIT, REMARKS_LIMIT, remark_words
-from common.text import printable
 
 SUM_TOLERANCE = 1e-3
 """A distribution may miss a sum of 1 by this much: more than float32 arithmetic of a foreign observer loses."""

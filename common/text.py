@@ -26,13 +26,6 @@ def periods_line(periods: Mapping[str, float]) -> str:
     return f"repeated: {repeated}; any other movement is a new one each time"
 
 
-def printable(text: str) -> str:
-    """`text` with `?` for characters that could control a terminal; whatever comes over the network may have some."""
-    if text.isprintable():
-        return text
-    return "".join(character if character.isprintable() else "?" for character in text)
-
-
 def nearest(word: str, known: Iterable[str]) -> str:
     """A suggestion for an unknown word: the nearest known one, or all of them if none is near."""
     from difflib import get_close_matches

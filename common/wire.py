@@ -7,35 +7,26 @@
    `encode` leaves out optional detail until it fits.
 """
 
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import msgpack
 import msgspec
 from pydantic import ValidationError
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import LabanmeshError
 from common.keys import observer_of, scene_of
-from common.message_fields import fields_of, is_short, leave_out, part_of
-from common.message_types import LAST_INTEGER
+from common.message_types import MessagePart, printable
 from common.messages import (
-    Agreement,
     AnyMessage,
     JudgementMessage,
     Message,
-    OngoingMovement,
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
     VocabularyMessage,
-    VocabularyReference,
-    Vote,
 )
 from common.posterior import NotADistribution, NotFinite
-from common.text import plural
-from common.vocabulary import ABSTAIN, Vocabulary
-
-if TYPE_CHECKING:
-    from common.config import Scene
+from common.vocabulary import Vocabulary
 
 SIZE_LIMIT = 64 * 1024
 """Bytes that a receiver accepts; `encode` makes none longer."""
@@ -57,6 +48,16 @@ OPTIONAL_DETAIL = (
     *(("leans_on",), ("observers",), ("remarks",), ("scores",), ("score",), ("unscored",)),
 )
 """What `encode` leaves out of a message that is too long, in this order, until it fits."""
+SENT_AS_NULL = frozenset({"ended_ns"})
+"""Fields whose None is information (the movement has not ended) and is sent as null."""
+SHORT_VOTE_OPTIONAL = (
+    "rest", "skew_s", "unlearned", "reliability", "rest_reliability", "label_reliability", "root_p", "repetitions",
+)  # fmt: skip
+"""The fields that a short vote has unless they are null; five others it always has."""
+SELDOM_SENT = (
+    "rest_reliability", "label_reliability", "freshness", "repetitions", "repeated", "shortest_s", "rest_s", "period_s",
+)  # fmt: skip
+"""Fields of a full vote, and of a movement's durations, that are left out where they are null."""
 DETAIL_LIMIT = 200
 """Characters of a decoding error that are worth a log line."""
 Reason = Literal[
@@ -72,9 +73,8 @@ class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose 
 
     def __init__(self, reason: Reason, detail: str) -> None:
         self.reason: Reason = reason
-        line = " ".join(detail.split())[:DETAIL_LIMIT]
         # The names of fields are a peer's own, and could hold control sequences for a terminal.
-        self.detail = "".join(each if each.isprintable() else "?" for each in line)
+        self.detail = printable(" ".join(detail.split())[:DETAIL_LIMIT])
         super().__init__(f"{reason}: {self.detail}")
 
 
@@ -87,7 +87,7 @@ def encode(message: AnyMessage, full: bool = False) -> bytes:
     short = not full and is_short(message)
     # Single precision is more precise than any camera.
     single = short or isinstance(message, PosteriorMessage)
-    fields = fields_of(message, short)
+    fields = _fields_of(message, short)
     packed = _packed(fields, single)
     if len(packed) > SIZE_LIMIT:
         packed = _packed_to_fit(fields, single)
@@ -99,9 +99,14 @@ def encode(message: AnyMessage, full: bool = False) -> bytes:
     return packed
 
 
+def size_of(message: AnyMessage) -> int:
+    """Bytes of the message with all detail, however many those are; in double precision."""
+    return len(_packed(_fields_of(message), single=False))
+
+
 def encode_vocabulary(scene: str, vocabulary: Vocabulary, fusion: str | None = None) -> bytes:
     """The labels of the movements, for peers that know only the hash; `fusion`, or an observer, answers with it."""
-    return encode(_vocabulary_message(scene, vocabulary, fusion))
+    return encode(VocabularyMessage.of(scene, vocabulary, fusion))
 
 
 def decode(kind: type[M], payload: bytes) -> M:
@@ -129,86 +134,82 @@ def decode_from(key: str, kind: type[M], payload: bytes) -> M:
         claimed = "", getattr(message, "scene", "")
         agrees = claimed[1] == key.rsplit("/", 2)[-2]
     if not agrees:
-        raise _wrong_key(*claimed, key)
+        raise BadMessage("wrong_key", f"{' in '.join(filter(None, claimed))} under {key}")
     return message
 
 
-def check_vocabulary(message: JudgementMessage, vocabulary: Vocabulary) -> None:
-    """Raises BadMessage unless a judgement or verdict is entirely in `vocabulary`: its hash, lengths and labels."""
-    if message.vocabulary.hash != vocabulary.digest:
-        raise BadMessage("foreign_vocabulary", f"hash {message.vocabulary.hash}, this scene's is {vocabulary.digest}")
-    for p in (message.p, *(vote.p for vote in message.votes.values())):
-        if p is not None and len(p) != vocabulary.size:
-            raise BadMessage("wrong_length", f"{len(p)} probabilities for {vocabulary.size} movements")
-    labels = {message.label, *(vote.label for vote in message.votes.values())}
-    if message.movement is not None:
-        labels |= {message.movement.label, message.movement.revises}
-    if isinstance(message, VerdictMessage):
-        labels.add(message.revises)
-    # While no vote counts, a judgement has an empty label.
-    unknown = labels - {*vocabulary.labels, ABSTAIN, "", None}
-    if unknown:
-        raise BadMessage("malformed", f"label {min(map(str, unknown))!r} is not in the vocabulary")
+def _fields_of(message: AnyMessage, short: bool = False) -> dict[str, Any]:
+    """What is sent of `message`; its parts are still objects. short: a judgement with short votes."""
+    if isinstance(message, PosteriorMessage):
+        # The most frequent message: fields with their default value are omitted too.
+        fields: dict[str, Any] = msgspec.to_builtins(message, enc_hook=_part_of)
+        return fields
+    values = vars(message)
+    fields = {name: value for name, value in values.items() if value is not None or name in SENT_AS_NULL}
+    if not fields.get("movements", True):
+        del fields["movements"]
+    if short:
+        fields["votes"] = {observer: _short_vote(vars(vote)) for observer, vote in values["votes"].items()}
+        if values["movement"] is not None:
+            movement = vars(values["movement"]).items()
+            fields["movement"] = {name: value for name, value in movement if value is not None}
+        # As maps they are packed without a call of `_part_of`.
+        fields["vocabulary"], fields["agreement"] = vars(values["vocabulary"]), vars(values["agreement"])
+    return fields
 
 
-def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabulary, rule: str) -> int:
-    """Upper bound in bytes of a judgement or verdict without OPTIONAL_DETAIL, for these observers and movements."""
-    label = max(vocabulary.labels, key=len)
-    vote = Vote(
-        label=label, entropy=1.0, weight=1.0, age_s=1.0, state="counted", rest=1.0, skew_s=1.0, unlearned=1.0,
-        reliability=1.0,
-    )  # fmt: skip
-    longest_id, movement_id, last = "x" * 64, "m" * 128, LAST_INTEGER
-    movement = OngoingMovement(
-        id=movement_id, began_ns=last, label=label, decided_ns=last, revises=label, outage_ns=last
-    )  # fmt: skip
-    verdict = VerdictMessage(
-        scene=scene, fusion=longest_id, seq=last, at_ns=last, p=[1.0] * vocabulary.size, label=label,
-        vocabulary=VocabularyReference(name=vocabulary.name, hash=vocabulary.digest), certainty_bits=1.0, rule=rule,
-        votes=dict.fromkeys(observers, vote), agreement=Agreement(k=last, n=last), unlearned=1.0, facing_deg=1.0,
-        movement=movement, epoch=last, session=longest_id, id=movement_id, began_ns=last, decided_ns=last,
-        ended_ns=last, revises=label,
-    )  # fmt: skip
-    return len(_packed(fields_of(verdict), single=False))
+def _short_vote(values: dict[str, Any]) -> dict[str, Any]:
+    # By name and not in a loop: with four observers this is a quarter of what a judgement costs to encode.
+    fields = {
+        "label": values["label"],
+        "entropy": values["entropy"],
+        "weight": values["weight"],
+        "age_s": values["age_s"],
+        "state": values["state"],
+    }
+    for name in SHORT_VOTE_OPTIONAL:
+        value = values[name]
+        if value is not None:
+            fields[name] = value
+    # Beside `root_p` no reliability is full reliability.
+    if values["root_p"] is not None and values["reliability"] == 1.0:
+        del fields["reliability"]
+    return fields
 
 
-def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
-    """Raises BadInput, one line, if messages of `scene` cannot fit into SIZE_LIMIT even without optional detail.
-
-    vocabulary: the scene's own if None; a scene that names none is checked for its observers alone.
-    """
-    known = vocabulary or scene.named_vocabulary
-    checked = known or Vocabulary(("a", "b"))
-    size = largest_judgement(scene.scene, scene.roster, checked, scene.fusion.rule)
-    if size > SIZE_LIMIT:
-        parts = [plural(len(scene.roster), "observer"), *([plural(checked.size, "movement")] if known else [])]
-        raise BadInput(
-            f"scene {scene.scene!r}: {' and '.join(parts)} make judgements of up to {size} bytes, a message holds "
-            f"{SIZE_LIMIT}; use fewer of them or shorter names, or several scenes"
-        )
-    # Without the durations of movements, which are optional detail.
-    names = Vocabulary(checked.labels, checked.name)
-    size = len(_packed(fields_of(_vocabulary_message(scene.scene, names)), single=False))
-    if size > SIZE_LIMIT:
-        raise BadInput(
-            f"scene {scene.scene!r}: the labels of {plural(checked.size, 'movement')} take {size} bytes, a message "
-            f"holds {SIZE_LIMIT}; use fewer movements or shorter labels"
-        )
+def is_short(message: AnyMessage) -> bool:
+    """Whether it is a judgement whose votes have `root_p`."""
+    # A verdict, one per movement, has full votes.
+    if not isinstance(message, JudgementMessage) or isinstance(message, VerdictMessage):
+        return False
+    return any(vote.root_p is not None for vote in message.votes.values())
 
 
-def _vocabulary_message(scene: str, vocabulary: Vocabulary, fusion: str | None = None) -> VocabularyMessage:
-    labels, movements = list(vocabulary.labels), dict(vocabulary.movements)
-    return VocabularyMessage(
-        scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=labels, movements=movements, fusion=fusion
-    )
+def _part_of(part: MessagePart) -> dict[str, Any]:
+    """All fields of a part of a message, null or not, but for `root_p` and those that are seldom sent."""
+    values = vars(part).items()
+    return {name: value for name, value in values if name != "root_p" and not (value is None and name in SELDOM_SENT)}
+
+
+def _leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:
+    """Remove a detail from `fields`; whether it was there. A vote keeps it as null, unless it is seldom sent."""
+    name, *inner = detail
+    if not inner:
+        return fields.pop(name, None) is not None
+    parts = [part for part in fields.get(name, {}).values() if part.get(inner[0]) is not None]
+    for part in parts:
+        part[inner[0]] = None
+        if inner[0] in SELDOM_SENT:
+            del part[inner[0]]
+    return bool(parts)
 
 
 def _packed(fields: dict[str, Any], single: bool) -> bytes:
     try:
-        packed: bytes = msgpack.packb(fields, use_single_float=single, default=part_of)
+        packed: bytes = msgpack.packb(fields, use_single_float=single, default=_part_of)
     except OverflowError:
         # A forged judgement that a standby service passes on may have any number.
-        packed = msgpack.packb(fields, default=part_of)
+        packed = msgpack.packb(fields, default=_part_of)
     return packed
 
 
@@ -216,9 +217,9 @@ def _packed_to_fit(fields: dict[str, Any], single: bool) -> bytes:
     """The message without as much of OPTIONAL_DETAIL as it takes to fit, or without all of it."""
     if "votes" in fields:
         votes = fields["votes"].items()
-        fields["votes"] = {observer: vote if isinstance(vote, dict) else part_of(vote) for observer, vote in votes}
+        fields["votes"] = {observer: vote if isinstance(vote, dict) else _part_of(vote) for observer, vote in votes}
     for detail in OPTIONAL_DETAIL:
-        if leave_out(fields, detail) and len(packed := _packed(fields, single)) <= SIZE_LIMIT:
+        if _leave_out(fields, detail) and len(packed := _packed(fields, single)) <= SIZE_LIMIT:
             return packed
     return _packed(fields, single)
 
@@ -277,11 +278,6 @@ def _bad_posterior(payload: bytes, error: Exception) -> BadMessage:
     _require_version(PosteriorMessage, unpack(payload))
     reasons: dict[type, Reason] = {NotFinite: "not_finite", NotADistribution: "not_a_distribution"}
     return BadMessage(reasons.get(type(error.__cause__), "malformed"), str(error).replace("$.", ""))
-
-
-def _wrong_key(process: str | None, scene: str | None, key: str) -> BadMessage:
-    """For a message that names another process or scene than its key."""
-    return BadMessage("wrong_key", f"{' in '.join(filter(None, (process, scene)))} under {key}")
 
 
 def _bad_field(error: ValidationError) -> BadMessage:

@@ -12,7 +12,7 @@ from common.config import Scene, read_scene, require_compatible, scene_files
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, MeshRole
-from common.wire import require_fits
+from common.message_checks import require_fits
 from fusion.same_id import IdCheck
 
 

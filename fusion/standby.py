@@ -9,10 +9,11 @@ from common.config import Scene
 from common.errors import LabanmeshError
 from common.inbox import Arrival, Inbox, Presence
 from common.link import Link
+from common.message_checks import check_vocabulary, require_fits
 from common.message_types import MovementTimes
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.vocabulary import Vocabulary, agreed_times
-from common.wire import BadMessage, check_vocabulary, decode_from, require_fits
+from common.wire import BadMessage, decode_from
 from common.zenoh_settings import MAX_MESSAGE_BYTES
 from fusion.checkpoint import Checkpoint
 from fusion.service import Service

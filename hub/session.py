@@ -12,9 +12,10 @@ from common.fall_messages import FallMessage
 from common.inbox import Inbox
 from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
+from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.same_movement import SameMovement
-from common.wire import BadMessage, check_vocabulary, decode_from
+from common.wire import BadMessage, decode_from
 from hub.scene_state import MESSAGE_KINDS, SceneMessage, SceneState, SenderRole
 
 if TYPE_CHECKING:

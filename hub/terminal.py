@@ -13,8 +13,9 @@ from rich.padding import Padding
 from rich.panel import Panel
 from rich.text import Text
 
+from common.message_types import printable
 from common.messages import VerdictMessage
-from common.text import plural, printable
+from common.text import plural
 from hub.anticipation import EarlyWord
 from hub.same_id import in_words
 from hub.scene_state import SOMETHING_ELSE, ObserverState, RankedLabel, SceneState, is_abstention

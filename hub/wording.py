@@ -8,8 +8,8 @@ from datetime import UTC, datetime
 from common import SECOND_NS
 from common.facets import FACETS
 from common.fall_messages import FallMessage
+from common.message_types import printable
 from common.messages import JudgementMessage, VerdictMessage, Vote
-from common.text import printable
 from hub.anticipation import EarlyWord
 from hub.scene_state import SOMETHING_ELSE, SceneState, is_abstention, is_heard, is_waiting
 

@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from common.config_input import PREFIX, Place
-from common.text import plural, printable, without_secrets
+from common.message_types import printable
+from common.text import plural, without_secrets
 
 if TYPE_CHECKING:
     from common.config import Scene

@@ -16,9 +16,10 @@ from typing import Final
 
 from common.config import MODELS_VARIABLE, Scene, read_scene
 from common.errors import BadInput
+from common.message_checks import largest_judgement, require_fits
 from common.text import plural
 from common.vocabulary import Vocabulary
-from common.wire import SIZE_LIMIT, largest_judgement, require_fits
+from common.wire import SIZE_LIMIT
 from deploy.doctor.findings import (
     DEFAULT,
     FILE,

@@ -3,7 +3,7 @@
 import json
 
 from common import SECOND_NS
-from common.text import printable
+from common.message_types import printable
 from common.vocabulary import ABSTAIN
 from hub.history.records import HistoryRow
 from hub.wording import calendar_time, clock_time, percent

@@ -9,8 +9,8 @@ from typing import Any
 
 from common.config_events import NotifyConfig, Preset
 from common.fall_messages import FallMessage
+from common.message_types import printable
 from common.messages import VerdictMessage
-from common.text import printable
 from common.vocabulary import ABSTAIN
 from hub.anticipation import probability
 from hub.wording import clock_time, fall_words, moment, of_person

@@ -7,7 +7,7 @@ import threading
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
-from common.text import printable
+from common.message_types import printable
 from hub.notify.notification import WebhookRequest
 
 ANSWER_CHARACTERS = 120

@@ -14,8 +14,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
-from common.message_types import ShortText
-from common.text import printable
+from common.message_types import ShortText, printable
 
 MESSAGE_LIMIT = 4096
 """Bytes of a message: the tracks of a whole body have 700."""

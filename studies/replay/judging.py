@@ -9,7 +9,6 @@ from common import SECOND_NS
 from common.capture_record import GONE, CaptureRecord
 from common.errors import LabanmeshError
 from common.keys import observer_of
-from common.message_fields import is_short
 from common.messages import (
     JudgementMessage,
     Message,
@@ -17,7 +16,7 @@ from common.messages import (
     VocabularyMessage,
 )
 from common.vocabulary import Vocabulary
-from common.wire import BadMessage, decode, encode
+from common.wire import BadMessage, decode, encode, is_short
 from studies.fusion_engine import EngineOutput
 from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
 from studies.replay.from_judgements import Gap, JudgementReplay, ReplayChange

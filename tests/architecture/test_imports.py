@@ -22,7 +22,7 @@ MAY_ENTER = {
 ONLY_IN = {
     "zenoh": "common/link.py common/subsession.py",
     "msgpack": "common/wire.py",
-    "msgspec": "common/posterior.py common/floor_place.py common/wire.py common/message_fields.py",
+    "msgspec": "common/posterior.py common/floor_place.py common/wire.py",
     "mcap": "common/capture_file.py",
     "starlette": "hub/dashboard/*",
     "sse_starlette": "hub/dashboard/*",

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.message_types import printable
 from common.terminal import WordWrap, wrap_words
-from common.text import printable
 
 GREEN, PLAIN = "\x1b[32m", "\x1b[0m"
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from message_stage import DISTRIBUTIONS, FIELDS, NAMES, judgement, posterior, reason_of, status, verdict, vote
 from pydantic import ValidationError
 
-from common.message_types import MovementTimes
+from common.message_checks import check_vocabulary
+from common.message_types import MovementTimes, printable
 from common.messages import (
     WHY_LIMIT,
     Agreement,
@@ -27,12 +28,10 @@ from common.messages import (
 )
 from common.picture_message import MOST_PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
 from common.teaching_messages import TeachReply
-from common.text import printable
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import (
     SIZE_LIMIT,
     BadMessage,
-    check_vocabulary,
     decode,
     decode_from,
     encode,

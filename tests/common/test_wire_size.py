@@ -9,7 +9,7 @@ from doc_pages import ROOT
 from hypothesis import given
 from message_stage import DISTRIBUTIONS, judgement, posterior, reason_of, status, verdict, vote
 
-from common import wire
+from common import message_checks
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.facets import FACETS
@@ -94,12 +94,12 @@ def scene_of(observers, labels):
 def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
     scene = scene_of(observers, labels)
     if fault is None:
-        wire.require_fits(scene)
+        message_checks.require_fits(scene)
         votes = dict.fromkeys(scene.roster, vote(label=scene.vocabulary[0], p=[1 / labels] * labels, doubles={}))
         assert len(encode(verdict(p=[1 / labels] * labels, votes=votes))) <= SIZE_LIMIT
         return
     with pytest.raises(BadInput, match=fault) as caught:
-        wire.require_fits(scene)
+        message_checks.require_fits(scene)
     assert "\n" not in str(caught.value) and "use fewer" in str(caught.value)
 
 

@@ -17,8 +17,9 @@ from processes import labanmesh, until
 
 from common import SECOND_NS
 from common.capture_file import CaptureFile
+from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyMessage
-from common.wire import check_vocabulary, decode
+from common.wire import decode
 from observer.motion.archive_file import read_archive
 
 CAMERAS = ("sofa", "shelf", "door", "window")

@@ -14,8 +14,8 @@ import pytest
 from fuzz_mutator import KEY, NOON_NS, Mutator, posterior
 
 from common.facets import FACETS, SHAPE
+from common.message_types import printable
 from common.messages import PosteriorMessage
-from common.text import printable
 from common.wire import BadMessage, decode_from, encode
 
 MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "10000")) // 3

@@ -8,10 +8,11 @@ from mesh_stage import LOOPBACK, posterior
 from processes import until
 
 from common.config import read_scene
+from common.message_checks import check_vocabulary
 from common.message_types import MovementTimes
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage, VocabularyReference
 from common.vocabulary import Vocabulary
-from common.wire import check_vocabulary, decode, encode_vocabulary
+from common.wire import decode, encode_vocabulary
 from fusion.server import serve
 from hub.session import SceneListener
 
