@@ -8,6 +8,7 @@
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -46,14 +47,6 @@ class ClockReading:
         return abs(self.answered_ns - self.asked_ns) // 2
 
 
-@dataclass(frozen=True, slots=True)
-class _Answer:
-    key: str
-    payload: bytes
-    asked_ns: int
-    answered_ns: int
-
-
 class ClockSkew:
     """The skew of one other clock."""
 
@@ -89,7 +82,8 @@ class ClockQuerier:
     ) -> None:
         self._link, self._key, self._clock, self._wake = link, key, clock, wake
         self._every_ns = round(every_s * SECOND_NS)
-        self._answers: deque[_Answer] = deque(maxlen=ANSWERS_LIMIT)
+        self._answers: deque[tuple[str, bytes, int, int]] = deque(maxlen=ANSWERS_LIMIT)
+        """Key and payload of each, when it was asked for, and when it arrived."""
         self._asked_ns: int | None = None
 
     def ask_if_due(self) -> bool:
@@ -100,7 +94,7 @@ class ClockQuerier:
         self._asked_ns = now_ns
 
         def answered(key: str, payload: bytes) -> None:
-            self._answers.append(_Answer(key, payload, now_ns, self._clock()))
+            self._answers.append((key, payload, now_ns, self._clock()))
             self._wake()
 
         self._link.request(self._key, answered, ANSWER_TIMEOUT_S)
@@ -110,14 +104,11 @@ class ClockQuerier:
         """The readings since the last call, each with the status that was the answer; its id is the one in the key."""
         readings = []
         while self._answers:
-            answer = self._answers.popleft()
-            try:
-                status = decode_from(answer.key, StatusMessage, answer.payload)
-            except BadMessage:
-                continue
-            if status.at_ns is not None:
-                reading = ClockReading(answer.asked_ns, status.at_ns, answer.answered_ns)
-                readings.append((status, reading))
+            key, payload, asked_ns, answered_ns = self._answers.popleft()
+            with suppress(BadMessage):
+                status = decode_from(key, StatusMessage, payload)
+                if status.at_ns is not None:
+                    readings.append((status, ClockReading(asked_ns, status.at_ns, answered_ns)))
         return readings
 
 

@@ -53,11 +53,11 @@ def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
     place, kind, value = tuple(map(str, fault["loc"])), fault["type"], fault.get("input")
     key = ".".join(place)
     if kind == "extra_forbidden":
-        known = _known_keys(place[:-1], model)
+        known = _at(place[:-1], model)[1].model_fields
         home = next((name for name in _sections_with(place[-1], model) if name != ".".join(place[:-1])), "")
         return f"{key}: unknown key; {f'it belongs below [{home}]' if home else nearest(place[-1], known)}"
     named = tuple(part for part in place if not part.isdecimal()) or place
-    field = _field(named, model)
+    field, _ = _at(named, model)
     if kind == "missing":
         of_list = named != place
         rule = f"item {int(place[-1]) + 1} is missing" if of_list else "missing; this key has no default"
@@ -148,21 +148,13 @@ def _sections_with(key: str, model: type[BaseModel], place: Place = ()) -> Itera
             yield from _sections_with(key, section, here)
 
 
-def _field(place: Place, model: type[BaseModel]) -> FieldInfo | None:
-    """The field of the key at `place`, in which the names of a table of sections are skipped."""
+def _at(place: Place, model: type[BaseModel]) -> tuple[FieldInfo | None, type[BaseModel]]:
+    """The field of the key at `place`, in which the names of a table of sections are skipped, and its section."""
     field = None
     for part in place:
         field = model.model_fields.get(part)
         model = (_section(field.annotation) if field else None) or model
-    return field
-
-
-def _known_keys(place: Place, model: type[BaseModel]) -> list[str]:
-    """The keys of the section at `place`, in which the names of a table of sections are skipped."""
-    for part in place:
-        field = model.model_fields.get(part)
-        model = (_section(field.annotation) if field else None) or model
-    return list(model.model_fields)
+    return field, model
 
 
 def _section(annotation: object) -> type[BaseModel] | None:

@@ -264,16 +264,6 @@ def _in_range(name: str, value: float, outside: type[ValueError]) -> float:
     return min(max(value, 0.0), 1.0) + 0.0
 
 
-def check_facets(facets: Mapping[str, Sequence[float]]) -> None:
-    """Check name -> probabilities of the values; raises ValueError that names the facet and the rule.
-
-    As `check_facet_names`, and each facet sums to 1.
-    """
-    check_facet_names(facets)
-    for name, p in facets.items():
-        require_sum(f"facet {name}", p)
-
-
 def check_facet_names(facets: Mapping[str, Sequence[float]]) -> None:
     """Check name -> values; raises ValueError that names the facet and the rule.
 

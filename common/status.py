@@ -18,6 +18,8 @@ from common.wire import encode
 
 REASON_LIMIT = 200
 """Characters of a reason: more would not help a person, and a status must fit into a message."""
+EVERY_S = 1.0
+"""Seconds between two publications of a status."""
 RATE_WINDOW_NS = 2 * SECOND_NS
 """Frames are counted over this time: short enough to show a stall, long enough for a steady rate."""
 
@@ -113,11 +115,10 @@ class StatusPublisher:
         key: str,
         status: ProcessStatus,
         clock: Callable[[], int] = time.time_ns,
-        every_s: float = 1.0,
         supervisor: Notifier | None = None,
     ) -> None:
         self._publisher = link.publisher(key)
-        self._status, self._clock, self._every_s = status, clock, every_s
+        self._status, self._clock = status, clock
         self._supervisor = supervisor or Notifier.from_environment()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._repeat, name="status", daemon=True)
@@ -142,7 +143,7 @@ class StatusPublisher:
         return encode(self._status.status(self._clock()))
 
     def _repeat(self) -> None:
-        while not self._ended.wait(self._every_s):
+        while not self._ended.wait(EVERY_S):
             try:
                 self.publish()
             except LabanmeshError:

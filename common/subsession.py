@@ -33,15 +33,6 @@ Priority = Literal["high", "normal", "low"]
 ZENOH_PRIORITY = {"high": zenoh.Priority.DATA_HIGH, "normal": zenoh.Priority.DATA, "low": zenoh.Priority.BACKGROUND}
 
 
-@dataclass(frozen=True, slots=True)
-class _Polled:
-    """A ring that `poll` empties into `take_in`. try_recv: its next entry, None if it is empty. size: of the ring."""
-
-    try_recv: Callable[[], Any]
-    take_in: Callable[[Any], None]
-    size: int
-
-
 @dataclass(slots=True)
 class _PolledQuery:
     """The answers to a query until `poll`, at most RING: a flood of them must not hold up the session.
@@ -104,7 +95,8 @@ class SubSession:
         self._is_polled = polled
         self._declared: list[Any] = []
         self._inboxes: list[Inbox] = []
-        self._rings: list[_Polled] = []
+        self._rings: list[tuple[Callable[[], Any], Callable[[Any], None]]] = []
+        """What returns the next entry of each ring, None if it is empty, and what takes it in."""
         self._queries: list[_PolledQuery] = []
         self._closed = threading.Event()
 
@@ -114,17 +106,13 @@ class SubSession:
 
     def poll(self) -> None:
         """Process everything that waits in the rings of a polled sub-session, in this thread."""
-        for polled in self._rings:
-            # Raises ZError if nothing more will arrive.
-            entry = polled.try_recv()
-            if entry is None:
-                continue
-            polled.take_in(entry)
+        for try_recv, take_in in self._rings:
             # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
-            for _ in range(polled.size - 1):
-                if (entry := polled.try_recv()) is None:
+            for _ in range(RING):
+                # Raises ZError if nothing more will arrive.
+                if (entry := try_recv()) is None:
                     break
-                polled.take_in(entry)
+                take_in(entry)
         for query in tuple(self._queries) if self._queries else ():
             if not query.empty():
                 self._queries.remove(query)
@@ -136,19 +124,16 @@ class SubSession:
         self._declared.append(publisher)
         return Publisher(publisher)
 
-    def inbox(
-        self, *keys: str, limit: int = 4096, ring: int = RING, remote: bool = False, bytes_limit: int = BYTES_LIMIT
-    ) -> Inbox:
+    def inbox(self, *keys: str, limit: int = 4096, remote: bool = False, bytes_limit: int = BYTES_LIMIT) -> Inbox:
         """One inbox for everything published under `keys`, which may have wildcards; it drops the oldest over `limit`.
 
-        ring: entries per key that wait between two polls of a polled sub-session; the oldest are dropped. remote: omit
-        what this process publishes itself. bytes_limit: see Inbox.
+        remote: omit what this process publishes itself. bytes_limit: see Inbox.
         """
         inbox = Inbox(limit, bytes_limit)
         origin = zenoh.Locality.REMOTE if remote else None
         for key in keys:
             declare = partial(self._session.declare_subscriber, key, allowed_origin=origin)
-            self._declare(declare, partial(_enqueue, inbox, None if "*" in key else key), ring)
+            self._declare(declare, partial(_enqueue, inbox, None if "*" in key else key))
         self._inboxes.append(inbox)
         return inbox
 
@@ -275,12 +260,12 @@ class SubSession:
         for inbox in self._inboxes:
             inbox.wake()
 
-    def _declare(self, declare: Callable[[Any], Any], take_in: Callable[[Any], None], ring: int = RING) -> None:
+    def _declare(self, declare: Callable[[Any], Any], take_in: Callable[[Any], None]) -> None:
         """Declare something whose samples or queries go to `take_in`."""
-        declaration = declare(zenoh.handlers.RingChannel(ring) if self._is_polled else take_in)
+        declaration = declare(zenoh.handlers.RingChannel(RING) if self._is_polled else take_in)
         self._declared.append(declaration)
         if self._is_polled:
-            self._rings.append(_Polled(declaration.try_recv, take_in, ring))
+            self._rings.append((declaration.try_recv, take_in))
 
     def __enter__(self) -> Self:
         return self

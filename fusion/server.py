@@ -106,12 +106,8 @@ class FusionServer:
         *,
         shared: bool,
         supervisor: Notifier,
-        polled: bool | None = None,
-        pause_s: float = BATCH_PAUSE_S,
     ) -> None:
-        """polled: whether posteriors wait until a scene is due; None: if there are more than FEW_SCENES."""
-        self._polled = len(scenes) > FEW_SCENES if polled is None else polled
-        self._ticks, self._polling_pause_s = time.monotonic, pause_s
+        self._polled, self._ticks = len(scenes) > FEW_SCENES, time.monotonic
         self._steady, self._frame_set, self._judgements_out = SteadyClock(), FrameSet(), JudgementBatch()
         keys = () if self._polled else tuple(scene.keys.posterior() for scene in scenes)
         self._inbox = link.inbox(*keys)
@@ -193,7 +189,7 @@ class FusionServer:
         return arrivals
 
     def _pause_s(self) -> float:
-        return self._polling_pause_s if self._polled else max(0.0, min(self._due_s) - self._ticks())
+        return PAUSE_S if self._polled else max(0.0, min(self._due_s) - self._ticks())
 
     def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneMember, Sequence[Arrival]]]:
         """Scenes with arrivals, and scenes whose time has come."""

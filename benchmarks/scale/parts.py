@@ -15,6 +15,7 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from multiprocessing.synchronize import Event
 from statistics import median
+from unittest.mock import patch
 
 from benchmarks.crowd.crowd import NAMES, OBSERVERS, scene_name, templates
 from benchmarks.timing import free_port
@@ -146,7 +147,7 @@ def _step_costs(ends: Endpoints) -> dict[str, float]:
 def _round_cost(count: int, ends: Endpoints) -> RoundCost:
     scenes = [_scene(n) for n in range(count)]
     end_s = time.monotonic() + OWNED_TIMEOUT_S
-    with closing(_polled_server(scenes, ends.link)) as server:
+    with _polled_server(scenes, ends.link) as server:
         begun_s = time.thread_time()
         owned = server.step().owned
         while owned < count:
@@ -208,18 +209,18 @@ def _idle_cost(link: Link) -> float:
     """Microseconds per round of a scene that is not due."""
     scenes = [_scene(n) for n in range(IDLE_SCENES)]
     slow = [scene.model_copy(update={"fusion": scene.fusion.model_copy(update={"step_hz": 0.1})}) for scene in scenes]
-    with closing(_polled_server(slow, link)) as server:
+    with _polled_server(slow, link) as server:
         return _cpu_us(server.step) / IDLE_SCENES
 
 
-def _polled_server(scenes: Sequence[Scene], link: Link) -> FusionServer:
+@contextmanager
+def _polled_server(scenes: Sequence[Scene], link: Link) -> Iterator[FusionServer]:
     """A server of many scenes that never pauses."""
-    silent = Notifier("")
-    server = FusionServer(
-        scenes, "fusion", link, time.time_ns, shared=True, supervisor=silent, polled=True, pause_s=0.0
-    )
-    server.join()
-    return server
+    with patch.multiple("fusion.server", FEW_SCENES=0, PAUSE_S=0.0):
+        server = FusionServer(scenes, "fusion", link, time.time_ns, shared=True, supervisor=Notifier(""))
+        with closing(server):
+            server.join()
+            yield server
 
 
 def _wait_cost() -> float:
@@ -253,7 +254,7 @@ def _receiving_costs(link: Link, endpoint: str) -> dict[str, float]:
     """Microseconds of Zenoh's threads per posterior and burst into rings, and per posterior with a callback thread."""
     key = SceneKeys("burst").posterior
     with link.sub_session(polled=True) as polled:
-        polled.inbox(*(key(f"cam{n}") for n in range(SUBSCRIBED)), ring=1)
+        polled.newest(*(key(f"cam{n}") for n in range(SUBSCRIBED)))
         small, large = _burst_cost(endpoint, SMALL), _burst_cost(endpoint, LARGE)
     each = max((large - small) / (LARGE - SMALL), 0.0)
     with link.sub_session() as called:

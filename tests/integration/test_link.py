@@ -282,10 +282,11 @@ def test_a_session_that_does_not_close_is_left_behind(monkeypatch, caplog):
     assert "did not close" in caplog.text
 
 
-def test_a_polled_sub_session_delivers_only_when_it_is_polled(fusion, peer):
+def test_a_polled_sub_session_delivers_only_when_it_is_polled(fusion, peer, monkeypatch):
+    monkeypatch.setattr("common.subsession.RING", 2)
     hub = peer("hub")
     polled = hub.sub_session(polled=True)
-    inbox, presence = polled.inbox("x/a", ring=2), polled.presence("x/*/alive")
+    inbox, presence = polled.inbox("x/a"), polled.presence("x/*/alive")
     fusion.answer("x/question", lambda: b"answer")
     fusion.announce("x/cam/alive")
     publisher = publisher_to(fusion, "x/a")

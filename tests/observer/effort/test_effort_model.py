@@ -8,7 +8,7 @@ import pytest
 
 from common.errors import BadInput
 from common.facets import EFFORT
-from common.posterior import check_facets
+from common.posterior import check_facet_names
 from observer.effort.effort_file import read_effort, require_rate, write_effort
 from observer.effort.features import FEATURE_NAMES
 from observer.effort.model import (
@@ -65,7 +65,8 @@ def test_a_posterior_is_a_facet_in_the_order_of_the_poles():
     low, high = trials[0], trials[15]
     assert low.levels == (-1,) * 4 and high.levels == (1,) * 4
     for facets, pole in ((model.posterior(low.features), 0), (model.posterior(high.features), 1)):
-        check_facets(facets)
+        check_facet_names(facets)
+        assert all(abs(sum(p) - 1) < 1e-9 for p in facets.values())
         assert list(facets) == list(EFFORT)
         assert all(p.argmax() == pole for p in facets.values())
 

@@ -9,7 +9,7 @@ from performances import PassThrough
 
 from common.errors import BadInput
 from common.facets import FACETS
-from common.posterior import check_facets
+from common.posterior import check_facet_names
 from common.vocabulary import Vocabulary
 from observer.effort.features import DEGREE, FEATURE_NAMES, Course, coefficients, course_of, features
 from observer.effort.model import EffortExample, learn_trials
@@ -154,7 +154,8 @@ def test_effort_is_read_during_a_movement_and_not_at_rest():
     first = next(n for n, facets in enumerate(during) if facets)
     assert SHORTEST_S * RATE - 1 <= first <= SHORTEST_S * RATE + 8
     assert during[-1]["effort_time"][1] > 0.8
-    check_facets(during[-1])
+    check_facet_names(during[-1])
+    assert all(abs(sum(p) - 1) < 1e-9 for p in during[-1].values())
     assert fed(reader, wave(1), 0.6)[-1] == during[-1]
     assert fed(reader, wave(1), 0.95)[-1] == {}
 
@@ -206,7 +207,8 @@ def hands(left, right, frames=30):
 def test_shape_has_labans_names(left, right, facet, value):
     reader = ShapeReader(BODY_PARTS, RATE)
     facets = [reader.update(frame) for frame in hands(left, right)][-1]
-    check_facets(facets)
+    check_facet_names(facets)
+    assert all(abs(sum(p) - 1) < 1e-9 for p in facets.values())
     assert FACETS[facet][facets[facet].argmax()] == value
     assert "shape_sagittal" not in facets
 
@@ -244,7 +246,8 @@ def test_the_facet_reader_gives_effort_and_shape():
     reader = FacetReader(BODY_PARTS, RATE, depth=1.0, effort=model())
     for frame in wave(60):
         reader.update(Tracks(frame), 0.1)
-    check_facets(reader.facets)
+    check_facet_names(reader.facets)
+    assert all(abs(sum(p) - 1) < 1e-9 for p in reader.facets.values())
     assert set(reader.facets) == set(FACETS)
     bare = FacetReader(("right_hand", "head"), RATE)
     bare.update(Tracks(wave(1)[0, 1:]), 0.1)
