@@ -18,7 +18,7 @@ from common.wire import encode
 
 REASON_LIMIT = 200
 """Characters of a reason: more would not help a person, and a status must fit into a message."""
-EVERY_S = 1.0
+STATUS_EVERY_S = 1.0
 """Seconds between two publications of a status."""
 RATE_WINDOW_NS = 2 * SECOND_NS
 """Frames are counted over this time: short enough to show a stall, long enough for a steady rate."""
@@ -143,7 +143,7 @@ class StatusPublisher:
         return encode(self._status.status(self._clock()))
 
     def _repeat(self) -> None:
-        while not self._ended.wait(EVERY_S):
+        while not self._ended.wait(STATUS_EVERY_S):
             try:
                 self.publish()
             except LabanmeshError:

@@ -22,6 +22,7 @@ from common.inbox import Arrival
 from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
+from common.status import STATUS_EVERY_S
 from fusion.engine.pooling import pool_steps
 from fusion.ingest import FLOOD
 from fusion.instrumentation import ServerStep, instrumented
@@ -47,7 +48,6 @@ FIND_S = 0.03
 """After it has subscribed to their tokens, a service knows in this time which others were there before it."""
 ASK_CLOCKS_S = 60.0
 """Asking a thousand observers every second would cost as much as receiving their posteriors."""
-STATUS_EVERY_S = 1.0
 MOST_DRIFT_NS = 20_000_000
 """A wall clock that differs by more was set; less is how exactly clocks are compared over a network."""
 
@@ -189,7 +189,7 @@ class FusionServer:
         return arrivals
 
     def _pause_s(self) -> float:
-        return PAUSE_S if self._polled else max(0.0, min(self._due_s) - self._ticks())
+        return BATCH_PAUSE_S if self._polled else max(0.0, min(self._due_s) - self._ticks())
 
     def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneMember, Sequence[Arrival]]]:
         """Scenes with arrivals, and scenes whose time has come."""

@@ -216,7 +216,7 @@ def _idle_cost(link: Link) -> float:
 @contextmanager
 def _polled_server(scenes: Sequence[Scene], link: Link) -> Iterator[FusionServer]:
     """A server of many scenes that never pauses."""
-    with patch.multiple("fusion.server", FEW_SCENES=0, PAUSE_S=0.0):
+    with patch.multiple("fusion.server", FEW_SCENES=0, BATCH_PAUSE_S=0.0):
         server = FusionServer(scenes, "fusion", link, time.time_ns, shared=True, supervisor=Notifier(""))
         with closing(server):
             server.join()
