@@ -5,7 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.command_line import run_command
-from fusion.engine.segment_table import TABLE, Effect, SegmentState
+from fusion.engine.segmenter import TABLE, TRANSITIONS, Effect
+from fusion.engine.segments import SegmentState
 
 PAGE = Path(__file__).parents[1] / "docs" / "design" / "fusion.md"
 BEGIN, END = "<!-- from the table: python -m benchmarks.segment_figure -->", "<!-- end of the table -->"
@@ -41,10 +42,10 @@ def _lines() -> Iterator[str]:
     yield from ("```", "", "| state | meaning |", "|---|---|")
     yield from (f"| {state.name} | {state.value} |" for state in SegmentState)
     yield from ("", "| in | on | to | what follows | rule |", "|---|---|---|---|---|")
-    for row in dict.fromkeys(row for rows in TABLE.values() for row in rows):
-        states = ", ".join(state.name for state in SegmentState if row in TABLE[state])
+    for row in TRANSITIONS:
+        states = ", ".join(state.name for state in row.states)
         event = row.event.name.lower().replace("_", " ")
-        yield f"| {states} | *{event}*: {row.event.value} | {row.state.name} | {row.effect.value} | {row.rule} |"
+        yield f"| {states} | *{event}*: {row.event.meaning} | {row.state.name} | {row.effect.meaning} | {row.rule} |"
 
 
 if __name__ == "__main__":

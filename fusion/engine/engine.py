@@ -160,10 +160,11 @@ class FusionEngine:
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
         missing = missing_of(posteriors) if self._segmenter.waits else []
+        is_periodic = self._segmenter.lasting(ballot.label).periodic
         state = PooledState(
             now_ns, ballot.label, ballot.p * (1.0 - unlearned), ballot.agreement.k, rest, unlearned, observed,
             newest_capture_ns(posteriors, now_ns), not missing,
-            repetitions_of(ballot.label, posteriors, ballot.votes) if self._segmenter.counts(ballot.label) else None,
+            repetitions_of(ballot.label, posteriors, ballot.votes) if is_periodic else None,
             ballot.contested,
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
@@ -173,19 +174,17 @@ class FusionEngine:
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0, observed=False)
         decisions = self._segmenter.update(shown) if has_posterior else ()
         self._seq += 1
-        movement = self._builder.ongoing(self._segmenter.shown)
-        began_ns = now_ns if movement is None else movement.began_ns
-        is_moving = movement is not None or (observed and (state.rest < 0.5 or self._rest.contested))
+        progress = self._segmenter.shown
+        began_ns = now_ns if progress is None else progress.began_ns
+        is_moving = progress is not None or (observed and (state.rest < 0.5 or self._rest.contested))
         why = self._why(state, ballot.agreement.n, began_ns, missing) if is_moving or decisions else None
         stamp = self._stamp(now_ns)
-        judgement = self._builder.judgement(
-            ballot, pooled, self._facets, movement, why if is_moving else None, stamp, self._segmenter.repetitions
-        )
+        judgement = self._builder.judgement(ballot, pooled, self._facets, progress, why if is_moving else None, stamp)
         current = VerdictBasis(judgement, posteriors, why)
         basis = current if last is None else last.basis
         self._last_observed = LastObserved(state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
-        self._roster.compare(movement, now_ns)
+        self._roster.compare(judgement.movement, now_ns)
         return EngineOutput(judgement, self._released(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:

@@ -30,7 +30,7 @@ from common.vocabulary import Vocabulary
 from fusion.engine.guarded_product import TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.segments import MovementProgress, RepetitionCount, repetition_fields
+from fusion.engine.segments import MovementProgress, repetition_fields
 from fusion.engine.weighing import NATS_TO_BITS
 
 PublishedFacets = Mapping[str, list[float]]
@@ -129,14 +129,14 @@ class JudgementBuilder:
         ballot: Ballot,
         pooled: PooledPosterior,
         facets: PublishedFacets,
-        movement: OngoingMovement | None,
+        progress: MovementProgress | None,
         why: str | None,
         stamp: Stamp,
-        repetitions: RepetitionCount | None = None,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
         if pooled.facing is not None:
             facets = {**facets, FACING: _in_range(pooled.facing.tolist())}
+        movement, decision = self._in_progress(progress), None if progress is None else progress.decision
         fields = {
             "v": SCHEMA_VERSION,
             "scene": self._scene,
@@ -157,7 +157,7 @@ class JudgementBuilder:
             "why": why if movement is None or movement.label is None else None,
             "epoch": stamp.epoch,
             "session": stamp.session,
-            **repetition_fields(repetitions),
+            **repetition_fields(None if decision is None else decision.repetitions),
             "person": stamp.person,
             "place": None if stamp.place is None else list(stamp.place),
         }
@@ -167,8 +167,8 @@ class JudgementBuilder:
         """The id of the movement that began then, in all messages about it."""
         return f"{self._id_prefix}-{began_ns // MS_NS}"
 
-    def ongoing(self, movement: MovementProgress | None) -> OngoingMovement | None:
-        """The movement in progress as judgements carry it; built once, because it changes seldom."""
+    def _in_progress(self, movement: MovementProgress | None) -> OngoingMovement | None:
+        """As judgements carry it; built once, because it changes seldom."""
         if movement is not self._movement:
             self._movement = movement
             name = "" if movement is None else self.verdict_id(movement.began_ns)

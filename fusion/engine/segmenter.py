@@ -1,114 +1,80 @@
 """The segmenter: from the pooled posterior over time to one verdict for each movement. Pure: time is passed in.
 
-The table of transitions is segment_table.py: (state, event) -> (state, what is published). The design: fusion.md,
-"Segments", with the same numbers.
+A table of transitions, (state, event) -> (state, what is published), at the end. Its rules, in short; in full and with
+their reasons: fusion.md, "Segments".
 
-1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is none;
-   nor is it, with the label of the one before, if it lasts for less than half of that label's shortest take, less
-   NOTICED_S at its begin: it is the end of that one, after a pause.
-2. A label is decided when it has been `threshold` likely, with the votes of `quorum` observers, without a break, for
-   `hold_s`, or NOTICED_S longer where one of three contests it; or, contested or not, as soon as the person rests.
-3. A label that was held for NOTICED_S as the movement began is of the one before: posteriors keep it at rest. It is
-   decided CARRIED_S after the begin at the earliest, or at rest. That all observers have gone is no rest.
-4. The movement ends, at the time when rest began, when rest has been beyond doubt for `hold_s`, or for half of it once
-   it has lasted as long as a take. Rest in which observers contradict each other ends it after PAUSE_S.
-5. An undecided movement that ends waits up to another `hold_s` for a label that meets the demand but not yet for long
-   enough. Without one it is an abstention. One that turns into something else was none, unless a label was contested.
-6. If another label met rule 2 when the person came to rest, it replaces the decided one (a revision). If something else
-   had been `threshold` likely for NOTICED_S, that is an abstention. There are at most REVISIONS_LIMIT; the end repeats
-   the last label.
-7. Without rest, a decided movement also ends when its label has been neither likeliest nor half as likely as demanded
-   for FADING times `hold_s`, or while the person does something else for PAUSE_S; and when another label meets rule 2
-   that began to do so NOTICED_S after the begin and no sooner than the first can be over (rule 1), or after something
-   else: the next movement. One that began earlier revises it, at the latest REVISED_S after the decision.
-8. A periodic label is one movement for as long as it is repeated: rest and something else end it only after the pause
-   of `durations_of`, when the last repetition was seen. Any other label is a new movement each time.
-9. After an outage, in which no posterior was pooled for OUTAGE_S, an undecided movement begins afresh with the next
-   motion (rule 3). If the person rests, the label held decides it; after HIDING_S that is an abstention. A decided
-   movement ends when it was seen last before the outage, unless its label is held again; after ENDING_S at once.
-10. While observers of the roster have not begun, a movement is `early`: as an abstention it is none. The wait is over
-    for good when each has sent something, or as long after the first posterior as `wait` says.
+1. A movement begins when neither rest nor "something else" is likelier than it. What is too short is none.
+2. A label is decided when it has met threshold and quorum for `hold_s`, or for longer while an observer contests it.
+3. A label that was held as the movement began is of the one before, and is decided late, or at rest.
+4. A decided movement ends, at the time when rest began, when rest has lasted.
+5. An undecided one that ends is decided by then, or an abstention. One that turns into something else was none.
+6. Another label, or something else, that was held as rest began replaces the decided one, REVISIONS_LIMIT times.
+7. Without rest, a decided movement ends when its label is no longer likely, or when that of the next one is held.
+8. A periodic label is one movement for as long as it is repeated. Any other is a new movement each time.
+9. After an outage of the posteriors it is unknown what the person did.
+10. While observers of the roster have not begun, a movement is `early`: as an abstention it is none.
 11. A service that follows another one takes its movement and decision; which label is held is its own observation.
 12. After the clock was set back everything but the wait of rule 10 begins afresh.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from math import inf
 
 from common import SECOND_NS
-from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.segment_conditions import (
     CLEAR_REST,
-    ENDING,
-    GUARDS,
-    OUTAGE_S,
+    NO_LABEL,
     RESTING,
     Conditions,
+    Event,
 )
-from fusion.engine.segment_table import FOLLOWED, TABLE, Effect, Event, SegmentState, Transition
 from fusion.engine.segments import (
-    Heard,
     HeldLabel,
     MovementDecision,
     MovementProgress,
     PooledState,
     Quiet,
-    RepetitionCount,
+    SegmentState,
     SegmentStep,
-    Start,
-    carried_label,
     durations_of,
 )
 
-GUARDED = {state: tuple((GUARDS[row.event], row) for row in rows) for state, rows in TABLE.items()}
+IDLE, MOVING, PAUSED, LOST, DECIDED, PASSED, UNSEEN, ENDING, SETTLED = SegmentState
 Published = Sequence[MovementDecision]
 
 
 class Segmenter(Conditions):
     """Finds begin, decision and end of each movement. Times: Unix epoch in ns."""
 
-    def __init__(self, config: FusionConfig, vocabulary: Vocabulary) -> None:
-        super().__init__(config, vocabulary)
-        self._config = config
-        self._start: Start | None = None
-
     @property
     def basis_times(self) -> frozenset[int]:
         """The times of the steps on which later verdicts may be based: decisions, and the begin of rest."""
-        decision, quiet = self.decision, self._resting
-        if decision is None and quiet is None:
-            return frozenset()
+        quiet, decision = self._resting, self._movement.decision
         times = (None if decision is None else decision.decided_ns, None if quiet is None else quiet.since_ns)
         return frozenset([at_ns for at_ns in times if at_ns is not None])
 
     @property
     def held_since_ns(self) -> int | None:
         """Since when the label has met the demand without a break; None while it does not."""
-        return None if self._held is None else self._held.agreed_ns
+        return self._held.agreed_ns
 
     @property
     def shown(self) -> MovementProgress | None:
         """The movement in progress as it is published: while observers are waited for without its label."""
-        return replace(self.movement, decision=None) if self.movement is not None and self.waits else self.movement
-
-    @property
-    def repetitions(self) -> RepetitionCount | None:
-        """How often the movement in progress has been done so far, if it is periodic and its label is published."""
-        return None if self.decision is None or self.waits else self.decision.repetitions
-
-    def counts(self, label: str) -> bool:
-        """Whether a label is periodic, so that its repetitions are counted."""
-        return self._lasting(label).pause is not None
+        movement = self.movement
+        return replace(movement, decision=None) if movement is not None and self.waits else movement
 
     @property
     def waits(self) -> bool:
         """Whether observers of the roster are waited for (rule 10)."""
-        return self._start is not None
+        return self._grace_ns > 0
 
     def wait(self, grace_s: float) -> None:
         """Wait for the observers of the roster, at most `grace_s` seconds after the first posterior; 0: no more."""
-        self._start = Start(round(grace_s * SECOND_NS)) if grace_s > 0 else None
+        self._grace_ns, self._first_ns = grace_s * SECOND_NS, inf
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Take the durations of movements in `vocabulary` from now on."""
@@ -117,27 +83,28 @@ class Segmenter(Conditions):
     def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
         """Take one step; returns the decisions that are due: a first one, a revision, an end."""
         if state.at_ns < self._last_ns:
-            self._held = self._heard = None
+            self._held, self._heard = NO_LABEL, None
             self._finish()
         step = self.observe(state)
         published: tuple[MovementDecision, ...] = ()
         taken: tuple[Event, ...] = ()
         while (row := self._due(step, taken)) is not None:
-            published = (*published, *EFFECTS[row.effect](self, step))
+            published = (*published, *row.effect.publishes(self, step))
             self.state, taken = row.state, (*taken, row.event)
-            if row.state is SegmentState.IDLE:
+            if row.state is IDLE:
                 self._finish()
                 break
-        if state.repetitions is not None:
-            self._count(state)
-        if self._start is not None:
-            self._start = self._start.after(state)
+        self._count(state)
+        if self.waits:
+            self._first_ns = min(self._first_ns, state.at_ns)
+            if state.complete or state.at_ns - self._first_ns >= self._grace_ns:
+                self._grace_ns = 0.0
         return published
 
-    def _due(self, step: SegmentStep, taken: Collection[Event]) -> Transition | None:
-        """The transition that is due, of those not taken in this step; looked for at each step, so plainly."""
-        for guard, row in GUARDED[self.state]:
-            if guard(self, step) and row.event not in taken:
+    def _due(self, step: SegmentStep, taken: Collection[Event]) -> "Transition | None":
+        """The transition that is due, of those not taken in this step."""
+        for row in TABLE[self.state]:
+            if row.event.shows(self, step) and row.event not in taken:
                 return row
         return None
 
@@ -152,149 +119,177 @@ class Segmenter(Conditions):
         if movement is None:
             self._finish()
             return
-        own, decision = self.movement or self._begin(movement.began_ns), movement.decision
+        if self.state is IDLE:
+            self._begin(movement.began_ns)
+        own, before, decision = self._movement, self._movement.decision, movement.decision
         followed = replace(own, began_ns=movement.began_ns, decision=decision, early=False, outage_ns=None)
         if decision is None:
-            self.state, self.movement = FOLLOWED.get(self.state, self.state), followed
+            self._movement = followed
+            if self.state is IDLE or before is not None:
+                self.state = PAUSED if self.state in RESTING else MOVING
             return
         if outage_ns is None and missed_ns is not None:
             outage_ns = max(missed_ns, decision.decided_ns)
         if outage_ns is None and own.outage_ns is not None and own.outage_ns >= movement.began_ns:
             outage_ns = own.outage_ns
-        before, quiet = own.decision, self._quiet
+        quiet = self._resting
         is_same = before is not None and (own.began_ns, before.label) == (movement.began_ns, decision.label)
-        if self.state in RESTING and quiet is not None and movement.began_ns <= quiet.since_ns:
-            self.state = SegmentState.SETTLED
+        if quiet is not None and movement.began_ns <= quiet.since_ns:
+            self.state = SETTLED
         elif outage_ns is not None:
-            self.state = SegmentState.PASSED
+            self.state = PASSED
         elif not is_same:
-            self.state, self._quiet = SegmentState.UNSEEN, None
+            self.state, self._quiet = UNSEEN, None
         if before is not None and is_same:
             counts = [count for count in (before.repetitions, decision.repetitions) if count is not None]
             decision = replace(decision, revisions=before.revisions, repetitions=max(counts, default=None))
-        self.movement = replace(followed, decision=decision, outage_ns=outage_ns)
-
-    def _follow_captures(self, newest_ns: int) -> int | None:
-        """Take the newest capture of another service; returns when this one had its last, if an outage lies between."""
-        last_ns, since_ns = (newest_ns, None) if self._heard is None else self._heard
-        self._heard = Heard(max(newest_ns, last_ns), since_ns)
-        return last_ns if newest_ns - last_ns > OUTAGE_S * SECOND_NS else None
+        self._movement = replace(followed, decision=decision, outage_ns=outage_ns)
 
     def end_now(self, at_ns: int) -> MovementDecision | None:
         """End the movement at `at_ns`, whatever the person does; its end if it was decided, else None."""
-        decision, self._held = self.decision, None
+        decision, self._held = self._movement.decision, NO_LABEL
         self._finish()
         return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
 
-    def _finish(self) -> None:
-        self.state, self.movement, self._quiet, self._contested = SegmentState.IDLE, None, None, None
-
-    def _begin(self, at_ns: int) -> MovementProgress:
-        carried = carried_label(self._held, self._heard, at_ns)
-        self.movement = MovementProgress(at_ns, None, carried, self._start is not None)
-        self._quiet = self._contested = None
-        if self._held is not None and self._held.agreed_ns is not None:
-            self._held = self._held._replace(agreed_ns=max(at_ns, self._held.agreed_ns))
-        return self.movement
-
-    def _begin_now(self, step: SegmentStep) -> Published:
-        self._begin(step.state.at_ns)
-        return ()
-
     def _begin_next(self, step: SegmentStep) -> Published:
         """End the movement, and begin that of the label that is held, since it has been."""
-        held, quiet = self._held, self._quiet
-        since_ns = step.state.at_ns if held is None or held.agreed_ns is None else held.agreed_ns
-        ended = self._end(step, None, since_ns if self.pause is None or quiet is None else quiet.since_ns)
+        quiet = self._quiet if self._lasts.periodic else None
+        since_ns = step.state.at_ns if self._held.agreed_ns is None else self._held.agreed_ns
+        ended = self._end(step, None, since_ns if quiet is None else quiet.since_ns)
         self._begin(since_ns)
         return ended
 
     def _begin_next_now(self, step: SegmentStep) -> Published:
-        ended = self._end(step, None, None)
+        ended = self._end(step, None)
         self._begin(step.state.at_ns)
         return ended
 
     def _rest(self, step: SegmentStep) -> Published:
         """Rest begins, or of a periodic movement goes on since it was seen last; what is held then stays."""
-        at_ns, held, quiet = step.state.at_ns, self._held, self._quiet
+        at_ns, quiet = step.state.at_ns, self._quiet if self._lasts.periodic else None
         if self.is_revoked(step):
             self._held = HeldLabel(ABSTAIN, at_ns, at_ns, at_ns - round(self._hold_ns))
-        elif held is None or held.agreed_ns is None:
-            self._held = step.before or held
-        since_ns = at_ns if self.pause is None or quiet is None else quiet.since_ns
+        elif self._held.agreed_ns is None:
+            self._held = step.before or self._held
+        since_ns = at_ns if quiet is None else quiet.since_ns
         self._quiet = Quiet(since_ns, at_ns if step.state.rest >= CLEAR_REST else None)
         return ()
 
     def _drop(self, step: SegmentStep) -> Published:
-        return () if self._contested is None else self._end(step, self._contested, None)
+        return () if self._contested is None else self._end(step, self._contested)
 
     def _miss(self, step: SegmentStep) -> Published:
-        if self.movement is not None and self.decision is not None:
-            outage_ns = max(step.heard_ns, self.decision.decided_ns)
-            self.movement, self._quiet = replace(self.movement, outage_ns=outage_ns), None
+        outage_ns = max(step.heard_ns, self._decision.decided_ns)
+        self._movement, self._quiet = replace(self._movement, outage_ns=outage_ns), None
         return ()
 
     def _confirm(self, step: SegmentStep) -> Published:
-        if self.movement is not None:
-            self.movement = replace(self.movement, outage_ns=None)
+        self._movement = replace(self._movement, outage_ns=None)
         return ()
 
     def _decide(self, step: SegmentStep) -> Published:
-        movement, label = self.movement, self.nameable(step)
-        if movement is None or label is None:
-            return ()
-        return self._publish(MovementDecision(label, movement.began_ns, step.state.at_ns), step)
+        label = self.nameable(step)
+        return () if label is None else self._publish(self._named(label, step), step)
+
+    def _named(self, label: str, step: SegmentStep) -> MovementDecision:
+        return MovementDecision(label, self._movement.began_ns, step.state.at_ns)
 
     def _revise(self, step: SegmentStep) -> Published:
         """Replace the label: by the one that was held as rest began, or in motion by the one that is held now."""
-        decision, quiet, is_resting = self.decision, self._quiet, self.state in ENDING
-        label = self.renamed() if is_resting else step.named
-        if decision is None or label is None:
+        decision, quiet = self._decision, self._resting
+        label = step.named if quiet is None else self.renamed()
+        if label is None:
             return ()
-        at_ns = quiet.since_ns if is_resting and quiet is not None else step.state.at_ns
-        self._quiet = quiet if is_resting else None
-        revised = replace(decision, label=label, decided_ns=at_ns, stage="revised", revises=decision.label)
-        return self._publish(replace(revised, revisions=decision.revisions + 1, repetitions=None), step)
+        revised = MovementDecision(
+            label, decision.began_ns, step.state.at_ns if quiet is None else quiet.since_ns, None, "revised",
+            decision.label, decision.revisions + 1,
+        )  # fmt: skip
+        self._quiet = quiet
+        return self._publish(revised, step)
 
     def _publish(self, decision: MovementDecision, step: SegmentStep) -> Published:
-        if self.movement is not None:
-            self.movement = replace(self.movement, decision=decision)
+        self._movement = replace(self._movement, decision=decision)
         self._count(step.state)
-        return () if self.decision is None else (self.decision,)
+        return (self._decision,)
 
-    def _end_now(self, step: SegmentStep) -> Published:
-        return self._end(step, self.nameable(step), None)
-
-    def _end(self, step: SegmentStep, label: str | None, ended_ns: int | None) -> Published:
+    def _end(self, step: SegmentStep, label: str | None, ended_ns: int | None = None) -> Published:
         """End the movement when it was seen last, or at `ended_ns`; undecided, with `label`."""
-        movement, decision, quiet, at_ns = self.movement, self.decision, self._quiet, step.state.at_ns
-        if movement is None:
-            return ()
+        movement, decision, quiet, at_ns = self._movement, self._movement.decision, self._quiet, step.state.at_ns
         if decision is None and not self.is_short(at_ns, label) and (label is not None or not movement.early):
-            decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
-        quiet_ns = at_ns if quiet is None else quiet.since_ns
-        ended_ns = movement.outage_ns or (quiet_ns if ended_ns is None else ended_ns)
+            decision = self._named(label or ABSTAIN, step)
+        seen_ns = at_ns if quiet is None else quiet.since_ns
+        ended_ns = movement.outage_ns or (seen_ns if ended_ns is None else ended_ns)
         return () if decision is None else (replace(decision, ended_ns=ended_ns, stage="ended"),)
 
     def _count(self, state: PooledState) -> None:
         """Take how often a periodic movement has been done so far."""
-        movement, decision, count = self.movement, self.decision, state.repetitions
-        if count is None or movement is None or decision is None or self.pause is None:
+        decision, count = self._decision, state.repetitions
+        if count is None or not self._lasts.periodic or state.label != decision.label:
             return
-        if state.label == decision.label and (decision.repetitions is None or count > decision.repetitions):
-            self.movement = replace(movement, decision=replace(decision, repetitions=count))
+        if decision.repetitions is None or count > decision.repetitions:
+            self._movement = replace(self._movement, decision=replace(decision, repetitions=count))
 
 
-EFFECTS: Mapping[Effect, Callable[[Segmenter, SegmentStep], Published]] = {
-    Effect.NOTHING: lambda *_: (),
-    Effect.BEGIN: Segmenter._begin_now,
-    Effect.REST: Segmenter._rest,
-    Effect.DROP: Segmenter._drop,
-    Effect.MISS: Segmenter._miss,
-    Effect.CONFIRM: Segmenter._confirm,
-    Effect.DECIDE: Segmenter._decide,
-    Effect.REVISE: Segmenter._revise,
-    Effect.END: Segmenter._end_now,
-    Effect.NEXT: Segmenter._begin_next,
-    Effect.NEXT_NOW: Segmenter._begin_next_now,
-}
+class Effect(Enum):
+    """What follows an event."""
+
+    NOTHING = "", lambda *_: ()
+    BEGIN = "begins", lambda segmenter, step: segmenter._begin(step.state.at_ns) or ()
+    REST = "rests", Segmenter._rest
+    DROP = "no verdict, or ended with a label that was only contested", Segmenter._drop
+    MISS = "may have ended", Segmenter._miss
+    CONFIRM = "goes on", Segmenter._confirm
+    DECIDE = "decided", Segmenter._decide
+    REVISE = "revised", Segmenter._revise
+    END = "ended", lambda segmenter, step: segmenter._end(step, segmenter.nameable(step))
+    NEXT = "ended; the next begins when its label did", Segmenter._begin_next
+    NEXT_NOW = "ended; the next begins", Segmenter._begin_next_now
+
+    def __init__(self, meaning: str, publishes: Callable[[Segmenter, SegmentStep], Published]) -> None:
+        self.meaning, self.publishes = meaning, publishes
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """In each of these states the event leads to `state`, with this effect, by the rule with this number."""
+
+    states: tuple[SegmentState, ...]
+    event: Event
+    effect: Effect
+    state: SegmentState
+    rule: int
+
+
+TRANSITIONS = (
+    Transition((IDLE,), Event.MOVES, Effect.BEGIN, MOVING, 1),
+    Transition((MOVING, PAUSED, LOST), Event.LONG_OUTAGE_AT_REST, Effect.END, IDLE, 9),
+    Transition((MOVING, PAUSED, LOST), Event.OUTAGE_AT_REST, Effect.REST, LOST, 9),
+    Transition((MOVING, PAUSED, LOST), Event.OUTAGE_IN_MOTION, Effect.BEGIN, MOVING, 9),
+    Transition((MOVING,), Event.RESTS, Effect.REST, PAUSED, 5),
+    Transition((MOVING,), Event.NAMED, Effect.DECIDE, UNSEEN, 2),
+    Transition((MOVING,), Event.MISSED, Effect.DROP, IDLE, 5),
+    Transition((PAUSED, LOST), Event.RESTED, Effect.END, IDLE, 5),
+    Transition((PAUSED, LOST), Event.NAMED, Effect.DECIDE, SETTLED, 2),
+    Transition((PAUSED,), Event.MOVES_AGAIN, Effect.NOTHING, MOVING, 5),
+    Transition((LOST,), Event.MOVES, Effect.BEGIN, MOVING, 9),
+    Transition((LOST,), Event.LEFT, Effect.DROP, IDLE, 9),
+    Transition((DECIDED, PASSED, UNSEEN, ENDING, SETTLED), Event.OUTAGE, Effect.MISS, PASSED, 9),
+    Transition((PASSED,), Event.LONG_OUTAGE, Effect.END, IDLE, 9),
+    Transition((DECIDED, PASSED, UNSEEN), Event.RESTS, Effect.REST, ENDING, 4),
+    Transition((DECIDED,), Event.CONFIRMED, Effect.CONFIRM, DECIDED, 9),
+    Transition((DECIDED,), Event.NEXT, Effect.NEXT, MOVING, 7),
+    Transition((PASSED,), Event.ANOTHER, Effect.NEXT, MOVING, 7),
+    Transition((PASSED,), Event.MOVES_ON, Effect.NEXT_NOW, MOVING, 7),
+    Transition((UNSEEN,), Event.SEEN, Effect.NOTHING, DECIDED, 7),
+    Transition((DECIDED, UNSEEN), Event.PREMATURE, Effect.REVISE, DECIDED, 7),
+    Transition((DECIDED, PASSED, UNSEEN), Event.MISSED, Effect.END, IDLE, 7),
+    Transition((DECIDED,), Event.LEFT, Effect.NOTHING, PASSED, 7),
+    Transition((PASSED,), Event.RETURNS, Effect.NOTHING, DECIDED, 7),
+    Transition((ENDING, SETTLED), Event.RENAMED, Effect.REVISE, SETTLED, 6),
+    Transition((ENDING, SETTLED), Event.RESTED, Effect.END, IDLE, 4),
+    Transition((ENDING,), Event.MOVES_AGAIN, Effect.NOTHING, DECIDED, 4),
+    Transition((SETTLED,), Event.MOVES_AGAIN, Effect.NOTHING, UNSEEN, 4),
+)
+TABLE = {state: tuple(row for row in TRANSITIONS if state in row.states) for state in SegmentState}
+"""Of each state the events in the order in which they are looked for; a step takes transitions until none is due, each
+event once, or until the person is IDLE."""

@@ -1,13 +1,12 @@
-"""The data of the segmenter: the pooled posterior at one time, a movement and its decision, a label that is held.
+"""The data of the segmenter: what is pooled at one time, a movement and its decision, how long movements last. Pure.
 
-Here observers' counts of a periodic movement are pooled, too: by a median weighted by trust. An observer weighs by the
-trust in it, by how fresh its count is, and by how far the movement swings in its view, between half and all of that: a
-view along the movement misses repetitions. So of three and more equally trusted observers no single one outweighs the
-others, whatever it counts (docs/design/fusion.md, "Segments").
+Here observers' counts of a periodic movement are pooled, too: by a median weighted by trust, freshness and how far the
+movement swings in each view (docs/design/fusion.md, "Segments", 8). Times: Unix epoch in ns.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from math import floor, inf
 from typing import NamedTuple
 
@@ -25,6 +24,9 @@ NOTICED_S = 0.3
 """Observers notice within so long that a movement has begun, has changed or is over: a label that is held for a shorter
 time as one begins may be its own (rule 3), as may one that begins sooner after the begin (rule 7), and something else
 that lasts for less may be rest (rule 6). Where one takes a turn of a movement for rest, it does so for .1 to .3 s."""
+NOTICED_NS = NOTICED_S * SECOND_NS
+OUTAGE_NS = 1.0 * SECOND_NS
+"""A shorter outage hides no whole movement, nor the whole rest between two (rule 9)."""
 
 
 class RepetitionCount(NamedTuple):
@@ -56,6 +58,16 @@ class PooledState:
     complete: bool = True
     repetitions: RepetitionCount | None = None
     contested: bool = False
+
+    @property
+    def rests(self) -> bool:
+        """Whether rest is likelier than motion."""
+        return self.rest >= 0.5
+
+    @property
+    def begins(self) -> bool:
+        """Whether a movement is likelier than rest and "something else"."""
+        return self.observed and not self.idle
 
     @property
     def idle(self) -> bool:
@@ -96,7 +108,7 @@ class MovementDecision:
 class MovementProgress:
     """A movement that has not ended: when it began, and the decision, if there is one.
 
-    carried: the label that observers held before it began; "*": any may be. early: it began before each observer had.
+    carried: the label that observers held before it began; ANY: any may be. early: it began before each observer had.
     outage_ns: when it was seen last before an outage that may have hidden its end.
     """
 
@@ -123,8 +135,21 @@ class Quiet(NamedTuple):
     clear_ns: int | None
 
 
-@dataclass(slots=True)
-class SegmentStep:
+class SegmentState(Enum):
+    """What is known of the person."""
+
+    IDLE = "the person rests, or does something else"
+    MOVING = "a movement goes on, undecided"
+    PAUSED = "undecided, and the person has come to rest"
+    LOST = "undecided, and an outage hid how it went on; the person rests"
+    DECIDED = "a decided movement goes on"
+    PASSED = "decided, and something else, or an outage, was since"
+    UNSEEN = "decided, here or by another service, and not seen since"
+    ENDING = "decided, and the person has come to rest"
+    SETTLED = "decided or revised at rest"
+
+
+class SegmentStep(NamedTuple):
     """One step: what is pooled; `named`, the label that meets rule 2; `before`, the one that met it until now.
 
     gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
@@ -136,6 +161,11 @@ class SegmentStep:
     heard_ns: int
     gap_ns: int
 
+    @property
+    def is_out(self) -> bool:
+        """Whether an outage is over."""
+        return self.gap_ns > OUTAGE_NS
+
 
 class Heard(NamedTuple):
     """The newest capture time of a posterior, and the time of the step that ended the last outage; None: none yet."""
@@ -144,45 +174,18 @@ class Heard(NamedTuple):
     since_ns: int | None = None
 
 
-def carried_label(held: HeldLabel | None, heard: Heard | None, began_ns: int) -> str | None:
-    """The label that was held before a movement that begins then (rules 3 and 9)."""
-    before_ns, since_ns = NOTICED_S * SECOND_NS, None if heard is None else heard.since_ns
-    if since_ns is not None and 0 <= began_ns - since_ns < before_ns:
-        return ANY
-    if held is None or not began_ns - held.last_ns <= before_ns <= began_ns - held.since_ns:
-        return None
-    return held.label
-
-
-class Start(NamedTuple):
-    """The wait for observers at the start of a scene: at most so long, after the first posterior at `since_ns`."""
-
-    grace_ns: int
-    since_ns: int | None = None
-
-    def after(self, state: PooledState) -> "Start | None":
-        """The wait after a step; None: it is over for good."""
-        since_ns = state.at_ns if self.since_ns is None or state.at_ns < self.since_ns else self.since_ns
-        is_over = state.complete or state.at_ns - since_ns >= self.grace_ns
-        return None if is_over else Start(self.grace_ns, since_ns)
-
-
-class Pause(NamedTuple):
-    """How long a periodic movement may rest, or be something else, before it has ended; ns."""
-
-    rest_ns: float
-    else_ns: float
-
-
 class Durations(NamedTuple):
     """What is known of how long movements with a label last; ns. shortest: of its takes.
 
-    least: none is over sooner, by half of the shortest take, or of a period, less NOTICED_S. pause: of a periodic one.
+    least: none is over sooner, by half of the shortest take, or of a period, less NOTICED_S. rest, other: how long one
+    that is repeated may rest, or be something else, before it has ended; periodic: whether it may.
     """
 
     shortest_ns: float = inf
     least_ns: float = 0.0
-    pause: Pause | None = None
+    rest_ns: float = 0.0
+    other_ns: float = 0.0
+    periodic: bool = False
 
 
 UNKNOWN = Durations()
@@ -195,21 +198,20 @@ def durations_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Dura
     While an observer counts the repetitions of a periodic movement it goes on: for the shortest rest between two takes,
     and for LONGEST_STAY periods without a turn.
     """
-    times, hold_ns = vocabulary.movements, config.hold_s * SECOND_NS
     periodic = vocabulary.periods if config.periodic is None else config.periodic
     durations = {}
-    for label in {*times, *periodic}:
-        known, pause = times.get(label, NO_TIMES), None
-        once_s = known.shortest_s
+    for label in {*vocabulary.movements, *periodic}:
+        known = vocabulary.movements.get(label, NO_TIMES)
+        once_s, rest_s, other_s = known.shortest_s, 0.0, 0.0
         if label in periodic:
-            rest_s = PAUSE_S if known.rest_s is None else known.rest_s
-            turn_s = known.shortest_s or 0.0 if known.period_s is None else LONGEST_STAY * known.period_s
-            rest_ns = max(rest_s * SECOND_NS, hold_ns)
-            pause = Pause(rest_ns, max(rest_ns, turn_s * SECOND_NS, 2 * hold_ns))
             once_s = once_s if known.period_s is None else known.period_s
-        shortest_ns = inf if known.shortest_s is None else known.shortest_s * SECOND_NS
-        least_ns = 0.0 if once_s is None else (once_s / 2 - NOTICED_S) * SECOND_NS
-        durations[label] = Durations(shortest_ns, least_ns, pause)
+            rest_s = max(PAUSE_S if known.rest_s is None else known.rest_s, config.hold_s)
+            turn_s = known.shortest_s or 0.0 if known.period_s is None else LONGEST_STAY * known.period_s
+            other_s = max(rest_s, turn_s, 2 * config.hold_s)
+        shortest_s = inf if known.shortest_s is None else known.shortest_s
+        least_s = 0.0 if once_s is None else once_s / 2 - NOTICED_S
+        shortest_ns, least_ns, rest_ns, other_ns = (s * SECOND_NS for s in (shortest_s, least_s, rest_s, other_s))
+        durations[label] = Durations(shortest_ns, least_ns, rest_ns, other_ns, label in periodic)
     return durations
 
 
@@ -237,21 +239,24 @@ def repetitions_of(
 
 
 def pooled_repetitions(posteriors: Iterable[AgedPosterior]) -> RepetitionCount | None:
-    """The weighted median of the counts of these observers; None: nobody counts."""
-    counting = [each for each in posteriors if each.repetitions is not None]
+    """The weighted median of the counts of these observers; None: nobody counts.
+
+    A view along the movement misses repetitions, so one weighs by its swing, from half to full; of three and more
+    equally trusted no single one outweighs the others, whatever it counts. A repetition counts from its far turning
+    point on: the counts are rounded down.
+    """
+    counting = [(each, each.repetitions) for each in posteriors if each.repetitions is not None]
     if not counting:
         return None
-    widest = max(0.0 if each.repeated is None else each.repeated.swing for each in counting) or 1.0
-    weights = [_weight(each, widest) for each in counting]
-    count = _whole(weighted_median([each.repetitions or 0.0 for each in counting], weights))
-    partial = weighted_median([0.0 if each.repeated is None else each.repeated.partial for each in counting], weights)
-    return RepetitionCount(count, min(_whole(partial), count))
-
-
-def _weight(posterior: AgedPosterior, widest: float) -> float:
-    """widest: the largest swing of all observers. One that does not tell its swing weighs as one that sees none."""
-    share = 0.0 if posterior.repeated is None else posterior.repeated.swing / widest
-    return posterior.reliability * posterior.freshness * (1.0 + share) / 2
+    swings = [0.0 if each.repeated is None else each.repeated.swing for each, _ in counting]
+    widest = max(swings) or 1.0
+    weights = [
+        each.reliability * each.freshness * (1.0 + swing / widest) / 2
+        for (each, _), swing in zip(counting, swings, strict=True)
+    ]
+    count = floor(weighted_median([repetitions for _, repetitions in counting], weights))
+    partials = [0.0 if each.repeated is None else each.repeated.partial for each, _ in counting]
+    return RepetitionCount(count, min(floor(weighted_median(partials, weights)), count))
 
 
 def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float:
@@ -271,11 +276,6 @@ def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float:
         if 2 * below > total:
             return value
     return ordered[-1][0]
-
-
-def _whole(periods: float) -> int:
-    """Whole repetitions: one in progress counts from its far turning point on, not when it has begun."""
-    return floor(periods)
 
 
 def counted_in(judgement: JudgementMessage) -> RepetitionCount | None:

@@ -105,7 +105,7 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
 def progress_of(
     message: OngoingMovement | VerdictMessage, repetitions: RepetitionCount | None = None
 ) -> MovementProgress:
-    """The inverse of `JudgementBuilder.ongoing`. repetitions: of the movement so far."""
+    """The movement in progress that a message carries. repetitions: of the movement so far."""
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)
     decision = MovementDecision(

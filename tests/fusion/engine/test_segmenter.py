@@ -11,9 +11,8 @@ from common.config_sections import FusionConfig
 from common.message_types import MovementTimes
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.segment_conditions import REVISIONS_LIMIT
-from fusion.engine.segment_table import SegmentState
 from fusion.engine.segmenter import Segmenter
-from fusion.engine.segments import PooledState
+from fusion.engine.segments import PooledState, SegmentState
 
 NAMES = Vocabulary(("bow", "lunge", "punch"))
 STEP_NS = 50_000_000
