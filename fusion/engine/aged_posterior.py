@@ -1,7 +1,7 @@
 """One observer's newest posterior: what is known of it, and how it fades with its age. Pure.
 
 freshness: the exponent k of p <- (p/prior)^k prior, 1 (unchanged) to 0 (the prior), as in common/probability.py:temper;
-rules 3 and 7 of roster.py.
+fusion.md, "The roster", 3.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from common.messages import PosteriorMessage, VoteState
 from common.posterior import ObservedScore, Repeated, Unscored
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
-from fusion.engine.trust import HONEST, information_of
+from fusion.engine.trust import HONEST
 
 POOLED_STATES = ("counted", "stale")
 """Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
@@ -49,7 +49,7 @@ class AgedPosterior:
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
     labels and its course (trust.py). correlations: with other observers, learned from verdicts (trust.py).
-    freshness: k of rules 3 and 7, 0 to 1. repetitions, repeated: as published. answers: `answers_of` it, if known.
+    freshness: k of the fading, 0 to 1. repetitions, repeated: as published. answers: `answers_of` it, if known.
     score: as published, or why there is none, by our clock.
     """
 
@@ -72,12 +72,13 @@ class AgedPosterior:
 
     @property
     def information(self) -> float:
-        """Information about the movement, not faded, 0 to 1; computed only when it is used."""
+        """Information about the movement, not faded: 0 if it is uniform, or of something else; 1 if it is sure."""
         p, unlearned, freshness = self.p, self.unlearned, self.freshness
         if 0.0 < freshness < 1.0:
             p = temper(self.p, uniform(len(p)), 1.0 / freshness)
             unlearned = None if unlearned is None else faded_unlearned(self.p, unlearned, 1.0 / freshness)
-        return information_of(p.tolist(), unlearned)
+        certainty = math.log(max(len(p) * max(p.tolist()), 1.0)) / math.log(len(p)) if len(p) > 1 else 0.0
+        return certainty * (1.0 - (unlearned or 0.0))
 
 
 @dataclass(slots=True)
@@ -148,16 +149,18 @@ def answers_of(p: Floats, unlearned: float | None) -> Floats:
 
 
 def faded(posterior: AgedPosterior, prior: Floats) -> AgedPosterior:
-    """The posterior faded by its `freshness` (rules 3 and 7)."""
+    """The posterior faded by its `freshness`."""
     freshness, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
+    facets = {name: np.array(facet) for name, facet in posterior.facets.items()}
     return replace(
         posterior,
         p=temper(posterior.p, prior, freshness),
         answers=None,
         state="stale",
         unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, freshness),
-        surprise=None if surprise is None else faded_surprise(surprise, freshness),
-        facets={name: faded_facet(facet, freshness) for name, facet in posterior.facets.items()},
+        # Encoded again, so that the vote carries it as it was pooled.
+        surprise=None if surprise is None else encode_facing(normalise(decode_facing(surprise) ** freshness)),
+        facets={name: temper(p, uniform(len(p)), freshness).tolist() for name, p in facets.items()},
     )
 
 
@@ -170,16 +173,3 @@ def faded_unlearned(p: Floats, unlearned: float, freshness: float) -> float:
     """`unlearned` after the posterior over all M+1 answers has faded; p (M,)."""
     answers = answers_of(p, unlearned)
     return float(temper(answers, uniform(len(answers)), freshness)[-1])
-
-
-def faded_surprise(surprise: Surprise, freshness: float) -> Surprise:
-    """(M, K) P(facing | movement)^freshness, encoded again so that the vote carries it as it was pooled."""
-    return encode_facing(normalise(decode_facing(surprise) ** freshness))
-
-
-def faded_facet(facet: Sequence[float], freshness: float) -> Sequence[float]:
-    """(V,) a facet of V values, which fades towards the uniform distribution."""
-    if len(facet) < 2:
-        return facet
-    faded: list[float] = temper(np.array(facet), uniform(len(facet)), freshness).tolist()
-    return faded

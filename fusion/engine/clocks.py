@@ -1,13 +1,7 @@
 """The observers' clocks: when the newest frame of a posterior was captured, by our own clock. Pure: time is passed in.
 
-The design: fusion.md, "The roster", 7.
-
-1. An observer's stamps are corrected by its measured skew, unless the skew is within the measurement's uncertainty.
-2. No message is sent after it arrives. One whose corrected stamp lies in the future counts as sent on arrival, so that
-   the age of its frame is the difference of its own two stamps. A clock an hour ahead does not look fresh for ever.
-3. Two messages are not sent at the same time. If the second is not stamped later than the first, that clock stands
-   still or was set back, and every message counts as sent on arrival until the clock is read again.
-4. A capture time after the sending time contradicts itself: the frame counts as captured when the message was sent.
+The design: fusion.md, "The roster", 7. A capture time after the sending time contradicts itself: the frame counts as
+captured when the message was sent.
 """
 
 from dataclasses import dataclass, field
@@ -23,8 +17,8 @@ IGNORED_SKEW_NS = 5_000_000
 class _ObserverClock:
     """What is known of one observer's clock.
 
-    correction_ns: what is subtracted from its stamps (rule 1). session, seq, sent_ns: of the last message that was
-    used. doubtful: the clock stood still or was set back since it was read (rule 3).
+    correction_ns: what is subtracted from its stamps. session, seq, sent_ns: of the last message that was used.
+    doubtful: the clock stood still or was set back since it was read; its messages count as sent on arrival.
     """
 
     skew: ClockSkew = field(default_factory=ClockSkew)
@@ -36,7 +30,7 @@ class _ObserverClock:
     doubtful: bool = False
 
     def precedes(self, message: PosteriorMessage) -> bool:
-        """Whether `message` is a later one of the same session; only those show how the clock runs (rule 3)."""
+        """Whether `message` is a later one of the same session; only those show how the clock runs."""
         return message.session == self.session and message.seq > self.seq
 
 
@@ -47,7 +41,7 @@ class Clocks:
         self._clocks = {observer: _ObserverClock() for observer in observers}
 
     def record_reading(self, observer: str, reading: ClockReading) -> None:
-        """Take a reading of an observer's clock, which ends a doubt about it (rule 3)."""
+        """Take a reading of an observer's clock, which ends a doubt about it."""
         if observer in self._clocks:
             clock = self._clocks[observer]
             clock.skew.note(reading)
@@ -84,7 +78,7 @@ class Clocks:
 
 
 def _correction_ns(reading: ClockReading | None) -> int:
-    """The skew, or 0 if it is no larger than the uncertainty of the measurement (rule 1)."""
+    """The skew, or 0 if it is no larger than the uncertainty of the measurement."""
     if reading is None or abs(reading.skew_ns) <= max(reading.doubt_ns, IGNORED_SKEW_NS):
         return 0
     return reading.skew_ns

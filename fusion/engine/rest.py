@@ -1,28 +1,7 @@
 """The pooled probability that the person rests; one observer may be wrong, stuck or hostile. Pure: time is passed in.
 
-The design: fusion.md, "Who may say that the person rests".
-
-1. The pooled rest is the median over the observers whose posterior is pooled, each weighted by its freshness and by the
-   trust in its rest. The rule's weights play no part: an observer that cannot tell two movements apart still sees that
-   the person moves. But one whose labels the others contradict so far that it is named (CONTRADICTED) may be hostile,
-   and its rest counts less in proportion: at a pause within a movement a single voice decides what rest is.
-2. If two contradict each other and nothing shows which of them is wrong, the pooled rest stays as it was until they
-   agree, so that no movement is cut into pieces.
-3. If no posterior is pooled, the last rest probabilities of observers that disappeared lately are used, because the
-   network may have failed. If none is left, the pooled rest is 1.
-
-The trust in each observer's rest probability is the channel `rest` of trust.py:
-
-4. What the others say is the sum of their log odds for rest, each as far as it is honest; one that has changed sides
-   less than NOTICED_S ago says nothing. OBSERVATION_S of it are one observation of (1) in trust.py. So two that
-   contradict each other lose alike.
-5. An observer that has not changed sides for STUCK_S, or never, says the same whatever happens: to agree is then no
-   merit, and each second in which it contradicts the others is an observation.
-6. One that changes sides more often than people do, and than most of the others, contradicts itself with each change.
-7. A posterior is cumulative, and learns while the person moves. What it learns while the observer says that the person
-   rests is against its course, the rest is for it. Of two that contradict each other, one is likely to be faulty, and
-   their courses show which.
-8. Trust is P(honest) over that of the most trusted.
+The median over the observers whose posterior is pooled, each weighted by its freshness and by the trust in its rest,
+which is a channel of trust.py. The design and its reasons: fusion.md, "Who may say that the person rests".
 
 Frames may come late or seldom. Observers are compared as of the capture of the oldest newest frame; between two frames
 on different sides an observer may have been on either, and is not compared.
@@ -42,19 +21,18 @@ from fusion.engine.trust import (
     BLUR,
     CONTRADICTS,
     HONEST,
-    LEAST_TRUST,
+    LEAST,
     OBSERVATION_S,
     TRUSTED,
     among_contradicted,
     log_odds_of,
     nats_of,
     observed,
-    returned,
 )
 
 LEAST_SHARE = 0.1
 """An observer with a smaller weight than this share of the largest is left out."""
-CLEAR_MARGIN = 0.25
+CLEAR = 0.25
 """Two that contradict each other have agreed again when the pooled rest is no further from 0 or 1."""
 SIGHTED = 0.2
 """The least freshness of an observer that is compared: without a frame for a second it is not."""
@@ -78,7 +56,7 @@ class _Voter:
     """One observer: its newest rest probability and side, and when it changed sides, newest last, by capture.
 
     information: of its posterior. before_ns: the frame before each change. changes: a decaying count. honest, course:
-    P(honest) by comparison with others, and by its own course (7). trust: the result.
+    P(honest) by comparison with others, and by its own course. trust: the result.
     """
 
     rest: float
@@ -109,7 +87,7 @@ class _Voter:
         gain, self.information = posterior.information - self.information, posterior.information
         if gain > 0.0:
             # Between two frames it may have learned on either side.
-            self.course = observed(returned(self.course, gain), GAIN * gain * nats_of(2.0 * (1.0 - least)))
+            self.course = observed(self.course, GAIN * gain * nats_of(2.0 * (1.0 - least)), gain)
 
     def rest_at(self, at_ns: int) -> float | None:
         """Its rest probability then; None between two frames on different sides, when it may have been on either.
@@ -123,7 +101,7 @@ class _Voter:
         return self.rest if changes == 0 else float(self.rests != (changes % 2 == 1))
 
     def log_odds(self, rest: float, at_ns: int) -> float:
-        """Nats for rest if it says so then, as far as it is honest (4); 0 if it has just changed sides."""
+        """Nats for rest if it says so then, as far as it is honest; 0 if it has just changed sides."""
         before = bisect_right(self.changed_ns, at_ns)
         if before and at_ns - self.changed_ns[before - 1] < NOTICED_S * SECOND_NS:
             return 0.0
@@ -138,17 +116,14 @@ class _Voter:
         nats = nats_of(2.0 * (rest * q + (1.0 - rest) * (1.0 - q)))
         share = seconds / OBSERVATION_S
         if not is_stuck:
-            self.observe(nats * share, share)
+            self.honest = observed(self.honest, nats * share, share)
         elif nats < 0.0:
-            self.observe(nats * seconds, share)
-
-    def observe(self, nats: float, observations: float) -> None:
-        """Take observations of so many nats in all."""
-        self.honest = observed(returned(self.honest, observations), nats)
+            # To agree is then no merit, and each second of contradiction is an observation.
+            self.honest = observed(self.honest, nats * seconds, share)
 
 
-class RestTrust:
-    """The trust in each observer's rest probability; `update` takes one step."""
+class RestPool:
+    """The pooled rest over time, and the trust in each observer's rest probability; `pool` takes one step."""
 
     def __init__(self) -> None:
         self.contested = False
@@ -159,9 +134,23 @@ class RestTrust:
         self._sides: list[bool | None] = []
         self._trust: list[float] = []
         self._now_ns = self._at_ns = 0
+        self._last = 1.0
+
+    def pool(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> float:
+        """The probability that the person is at rest; while rest is contested that of before, so that no movement is
+        cut into pieces. One whose labels the others contradict so far that it is named may be hostile: it counts less.
+        """
+        trust = self.update(posteriors, now_ns)
+        if min([posterior.reliability for posterior in posteriors]) < CONTRADICTED:
+            labels = [among_contradicted(posterior.reliability) for posterior in posteriors]
+            trust = [own * label for own, label in zip(trust, labels, strict=True)]
+        rest = pooled_rest(posteriors, trust)
+        if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR:
+            self._last = rest
+        return self._last
 
     def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
-        """The trust in each posterior of this step, LEAST_TRUST to 1."""
+        """The trust in each posterior of this step, LEAST to 1."""
         sides = [posterior.rest >= 0.5 if _is_sighted(posterior) else None for posterior in posteriors]
         elapsed_ns = now_ns - self._now_ns
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
@@ -184,7 +173,7 @@ class RestTrust:
         return self._trust
 
     def _trust_in(self, sighted: Sequence[_Voter]) -> None:
-        """Compute the trust in each (8), and whether rest is contested."""
+        """Compute the trust in each, and whether rest is contested."""
         self.contested = False
         if len(sighted) < 2:
             return
@@ -192,7 +181,7 @@ class RestTrust:
         largest = max(believed)
         for voter, honest in zip(sighted, believed, strict=True):
             is_full = honest >= TRUSTED * min(largest, HONEST)
-            voter.trust = 1.0 if is_full else max(round(honest / largest, 3), LEAST_TRUST)
+            voter.trust = 1.0 if is_full else max(round(honest / largest, 3), LEAST)
         if len(sighted) == 2:
             both = sighted[0].honest * sighted[1].honest
             self.contested = both < 0.5 and min(voter.trust for voter in sighted) >= CONTRADICTED
@@ -205,7 +194,7 @@ class RestTrust:
         return self._voters[name]
 
     def _compare(self, voters: Sequence[_Voter]) -> None:
-        """Compare what each says with what the others say since the last update (4, 5)."""
+        """Compare what each says with what the others say since the last update."""
         at_ns, self._at_ns = self._at_ns, min(voter.captured_ns for voter in voters)
         seconds = min(max((self._at_ns - at_ns) / SECOND_NS, 0.0), 1.0)
         rests = [(voter, rest) for voter in voters if (rest := voter.rest_at(at_ns)) is not None]
@@ -215,11 +204,11 @@ class RestTrust:
             voter.compare(rest, total - own, at_ns, seconds)
             others = sorted(changes[:n] + changes[n + 1 :]) or [0.0]
             if voter.has_changed and voter.changes > max(CHANGES_LIMIT, OFTENER * others[(len(others) - 1) // 2]):
-                voter.observe(CONTRADICTS, 0.0)
+                voter.honest = observed(voter.honest, CONTRADICTS)
 
 
 def _apart(one: _Voter, two: _Voter) -> tuple[float, float]:
-    """P(honest) of two: if one of them is faulty, their courses show which (7)."""
+    """P(honest) of two: if one of them is faulty, their courses show which."""
     both, none = one.honest * two.honest, (1.0 - one.honest) * (1.0 - two.honest)
     factor = math.exp((1.0 - both) * (log_odds_of(one.course) - log_odds_of(two.course)))
     first, second = one.honest * (1.0 - two.honest) * factor, two.honest * (1.0 - one.honest) / factor
@@ -235,27 +224,10 @@ def _is_sighted(posterior: AgedPosterior) -> bool:
     return posterior.state in POOLED_STATES and posterior.freshness >= SIGHTED
 
 
-class RestPool(RestTrust):
-    """The pooled rest over time; `pool` takes one step."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._last = 1.0
-
-    def pool(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> float:
-        """The probability that the person is at rest."""
-        trust = self.update(posteriors, now_ns)
-        if min([posterior.reliability for posterior in posteriors]) < CONTRADICTED:
-            labels = [among_contradicted(posterior.reliability) for posterior in posteriors]
-            trust = [own * label for own, label in zip(trust, labels, strict=True)]
-        rest = pooled_rest(posteriors, trust)
-        if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR_MARGIN:
-            self._last = rest
-        return self._last
-
-
 def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | None = None) -> float:
-    """The probability that the person is at rest: the weighted median (1, 3), which is the mean of two.
+    """The probability that the person is at rest: the weighted median, which is the mean of two.
+
+    If no posterior is pooled, the last of observers that disappeared lately, because the network may have failed, or 1.
 
     trust: of each posterior, above 0 to 1; None: 1 each.
     """

@@ -1,32 +1,8 @@
 """The roster: the newest posterior of each observer of a scene, faded to its age. Pure: time is passed in.
 
-The design: fusion.md, "The roster".
-
-1. A posterior is cumulative, so only the newest by capture time is kept; two are never multiplied. Capture times are
-   by the fusion machine's clock, as far as the observer's clock is known (clocks.py).
-2. A restarted observer begins a new session, which counts at once; late messages of its past sessions do not. These
-   come within seconds. If only a past session is received for more than `drop_s`, it counts again, so that no single
-   faulty or forged message silences an observer for good. If a past session goes on beside the new one, two processes
-   have this id: its messages are counted as `same_id`.
-3. A posterior older than `fresh_s` fades towards the prior: p <- (p/prior)^k prior, normalised, with the freshness k =
-   exp(-(age - fresh_s)/fade_s). The probability of rest stays as published until `drop_s`, so that an outage of a
-   second does not split a movement. A slow observer's fresh_s is two of its usual intervals: it needs up to one for a
-   picture, and the next posterior comes one later.
-4. Past `drop_s`, or before the first message, an observer contributes the prior, which is neutral. Its state is then
-   `late` if it still publishes but with data that old, `foreign` or `invalid` if its last message was unusable, and
-   `silent` otherwise.
-5. An observer whose process disappears is silent at once, until its next message. Its rest stays, as in rule 3.
-6. Unusable messages are counted by reason and change no posterior.
-7. An observer that has seen no body part for longer than `fresh_s` fades too, k = exp(-(unseen - fresh_s)/blind_s), and
-   its rest towards 1 as 1 - k (1 - rest), however new its messages are, because its posterior is from before. The next
-   visible body part restores it. Both k multiply.
-8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
-   One older than `drop_s`, as from a capture that is played again, neither replaces a newer one nor keeps one away.
-9. A scene whose file names its vocabulary is fused in that one for ever. Any other is fused in the vocabulary in which
-   more than half of its observers publish; while none has a majority, in the one before. So a single observer with
-   another model changes nothing, and observers that were taught together take the fusion service with them. One counts
-   until its process disappears, or has published nothing for `drop_s`. Only the owner of the scene decides so; a
-   standby service follows it (fusion/membership.py).
+The rules: fusion.md, "The roster". Besides, after a clock was set back, a posterior dated more than `drop_s` in the
+future neither counts nor blocks newer ones. One older than `drop_s`, as from a capture that is played again, neither
+replaces a newer one nor keeps one away.
 """
 
 import math
@@ -106,7 +82,8 @@ class Roster:
         if last is None or message.session != last.session:
             state.begin_session(message, now_ns, captured_ns)
         else:
-            if _sees_person(message):
+            # An observer that does not publish what is visible, as an audio classifier, is not blind.
+            if not message.visible or True in message.visible.values():
                 state.visible_ns = captured_ns
             state.note_gap(captured_ns - state.captured_ns)
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
@@ -151,7 +128,7 @@ class Roster:
         self._present = observers
 
     def majority(self, now_ns: int) -> str | None:
-        """The hash of the vocabulary in which most observers publish (rule 9); None if there is no majority."""
+        """The hash of the vocabulary in which most observers publish; None if there is no majority."""
         published = [state.published for state in self._states.values() if state.published is not None]
         counts = Counter(digest for digest, at_ns in published if abs(now_ns - at_ns) <= self._drop_ns)
         if not counts:
@@ -170,8 +147,7 @@ class Roster:
         resting: trust in what some say about rest.
         """
         records, usual, aged = records or {}, self._usual(now_ns), self._aged
-        states = self._states.items()
-        result = [aged(name, state, now_ns, records.get(name, NO_RECORD), usual) for name, state in states]
+        result = [aged(each, own, now_ns, records.get(each, NO_RECORD), usual) for each, own in self._states.items()]
         for n, posterior in enumerate(result) if resting else ():
             share = among_contradicted(resting.get(posterior.observer, 1.0))
             if share < 1.0:
@@ -189,7 +165,7 @@ class Roster:
         return sorted(pooled)[len(pooled) // 2] if pooled else HONEST
 
     def _rejection(self, state: RosterEntry, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
-        """Why a message is not used (rules 1, 2, 6 and 8); None: it is."""
+        """Why a message is not used (rules 1, 2 and 6); None: it is."""
         if message.vocabulary.hash != self._digest:
             return "foreign_vocabulary"
         if len(message.p) != self._size:
@@ -220,46 +196,30 @@ class Roster:
     def _aged(
         self, observer: str, state: RosterEntry, now_ns: int, record: ObserverRecord, usual: float
     ) -> AgedPosterior:
-        message, trust = state.message, published_trust(record.honest * state.stays / HONEST, state.steady, usual)
-        if message is None:
-            return self._unused(observer, state.fault or "silent", None, 1.0, record, trust)
-        age_s = (now_ns - state.captured_ns) / SECOND_NS
-        unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
-        fresh_s = self._fresh_s
-        if INTERVALS * state.interval_ns > fresh_s * SECOND_NS:
-            fresh_s = max(fresh_s, min(INTERVALS * state.interval_ns / SECOND_NS, SLOWEST_S))
-        visibility = 1.0 if unseen_s <= fresh_s else freshness_after(unseen_s - fresh_s, self._config.blind_s)
-        freshness = visibility
-        if age_s > fresh_s:
-            freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
-        rest = state.rest if visibility == 1.0 else 1.0 - visibility * (1.0 - state.rest)
-        if state.gone or abs(age_s) > self._config.drop_s:
-            return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record, trust)
-        fresh = AgedPosterior(
-            observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            trust, record.correlations, freshness, message.repetitions, state.answers, message.repeated,
-            state.score,
-        )  # fmt: skip
-        return fresh if freshness == 1.0 else faded(fresh, self.prior)
-
-    def _unused(
-        self,
-        observer: str,
-        vote_state: VoteState,
-        age_s: float | None,
-        rest: float,
-        record: ObserverRecord,
-        trust: float,
-    ) -> AgedPosterior:
-        """The prior (rule 4); rest stays until `drop_s`."""
-        rest = rest if age_s is not None and abs(age_s) <= self._config.drop_s else 1.0
+        message, rest, fresh_s = state.message, 1.0, self._fresh_s
+        trust = published_trust(record.honest * state.stays / HONEST, state.steady, usual)
+        age_s = None if message is None else (now_ns - state.captured_ns) / SECOND_NS
+        if age_s is not None and abs(age_s) <= self._config.drop_s:
+            if INTERVALS * state.interval_ns > fresh_s * SECOND_NS:
+                fresh_s = max(fresh_s, min(INTERVALS * state.interval_ns / SECOND_NS, SLOWEST_S))
+            unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
+            freshness = freshness_after(unseen_s - fresh_s, self._config.blind_s)
+            rest = state.rest if freshness == 1.0 else 1.0 - freshness * (1.0 - state.rest)
+            if message is not None and not state.gone:
+                freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
+                fresh = AgedPosterior(
+                    observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise,
+                    state.facets, trust, record.correlations, freshness, message.repetitions, state.answers,
+                    message.repeated, state.score,
+                )  # fmt: skip
+                return fresh if freshness == 1.0 else faded(fresh, self.prior)
+        # It contributes the prior (rule 4).
         return AgedPosterior(
-            observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, trust, record.correlations,
-            0.0, answers=self._neutral,
+            observer, self.prior, rest, age_s, self._unused_state(state, now_ns), record.skew_s, None, None, {}, trust,
+            record.correlations, 0.0, answers=self._neutral,
         )  # fmt: skip
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:
-        """The vote state of an observer that contributes the prior (rule 4)."""
         publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
         late = publishes and state.received_ns - state.captured_ns > self._drop_ns
         return state.fault or ("late" if late else "silent")
@@ -273,11 +233,6 @@ class Roster:
         # Bayes: the likelihood of the frames is p over the observer's own prior; our prior replaces that.
         own_prior = np.maximum(np.array(message.prior), 1e-12)
         return normalise(p / own_prior * self.prior)
-
-
-def _sees_person(message: PosteriorMessage) -> bool:
-    """Whether some body part is visible; an observer that does not publish it (an audio classifier) is not blind."""
-    return not message.visible or True in message.visible.values()
 
 
 def _relative_entropy(p: Floats) -> float:

@@ -1,41 +1,14 @@
 """How far each observer is trusted: one filter for all channels, and what verdicts teach. Pure.
 
-The design: fusion.md, "Trust". An observer is honest or faulty, on each channel by itself: its labels, its rest
-probability, and its course over time. The state is hidden, and a hidden Markov model of two states follows it, after
-Dawid and Skene, "Maximum likelihood estimation of observer error-rates using the EM algorithm", Applied Statistics 28,
-1979, who estimate from the answers of several observers alone who of them errs.
-
-1. P(honest) is 1 - FAULT at the start. An observation shows a, a distribution over R answers, where q is what others
-   say. A faulty observer's answer has nothing to do with q, an honest one's for a share BLUR, so that
-
-       g = P(a | q, honest) / P(a | faulty) = (1 - BLUR) R sum_r a(r) q(r) + BLUR.
-
-2. Between observations the state may change: P(honest) goes back to 1 - FAULT with MEMORY independent observations, so
-   that no observer is condemned, or beyond doubt, for ever.
-3. What is read is trust: P(honest) over that at the start, or over that of the observers beside it, at most 1, because
-   what all do is no fault.
-
-The channels differ in a, q, and what one independent observation is:
-
-| channel | a | q | one observation |
-|---|---|---|---|
-| label | its posterior at the decision | the label of the verdict | a movement |
-| | its posterior after it | the label decided | MOVEMENT_S (roster.py) |
-| time | its posterior | its own last one | a message that contradicts, a second |
-| rest | rest or motion | what the others say, each as far as it is trusted | OBSERVATION_S (rest.py) |
-
-What verdicts teach is kept over a restart:
-
-4. A verdict that has ended is an observation on the label channel. At least LEAST_VOTES votes are needed, because of
-   two that differ either may be right. An abstention teaches nothing. A verdict teaches once, however often it is
-   published.
-5. The distance of two posteriors (weighing.py) shows whether their observers see the same, whatever is right: rho =
-   n/(n + c) exp(-mean distance / CORRELATION_SCALE). Two that are certain of the same teach nothing by it. Counts are
-   multiplied by DECAY per verdict.
+An observer is honest or faulty, on each channel by itself: its labels, its rest probability, and its course over time.
+The state is hidden, and a hidden Markov model of two states follows it, after Dawid and Skene, "Maximum likelihood
+estimation of observer error-rates using the EM algorithm", Applied Statistics 28, 1979: `observed`. What is read is
+trust: P(honest) over that at the start, or over that of the observers beside it, at most 1, because what all do is no
+fault. What an observation is on each channel: fusion.md, "Trust".
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Annotated
@@ -89,19 +62,23 @@ Counts = Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
 
 
 def nats_of(overlap: float) -> float:
-    """ln g (1) of an observation whose overlap R sum a q is so much: 1 for a random answer, R for the very same."""
+    """ln g of an observation a, a distribution over R answers, where others say q; overlap: R sum a q.
+
+    g = P(a | q, honest) / P(a | faulty) = (1 - BLUR) R sum a q + BLUR: a faulty observer's answer has nothing to do
+    with q, an honest one's for a share BLUR.
+    """
     return math.log((1.0 - BLUR) * overlap + BLUR)
 
 
-def returned(honest: float, observations: float) -> float:
-    """P(honest) after so many observations in which nothing was learned (2)."""
-    return HONEST + (honest - HONEST) * math.exp(-observations / MEMORY)
+def observed(honest: float, nats: float, observations: float = 0.0) -> float:
+    """P(honest) after an observation of so many nats for honesty, which counts as so many independent ones.
 
-
-def observed(honest: float, nats: float) -> float:
-    """P(honest) after an observation of so many nats for honesty (1)."""
-    likelihood = honest * math.exp(nats)
-    return likelihood / (likelihood + 1.0 - honest)
+    Between observations the state may change: P(honest) goes back to HONEST with MEMORY of them, so that no observer is
+    condemned, or beyond doubt, for ever.
+    """
+    before = HONEST + (honest - HONEST) * math.exp(-observations / MEMORY)
+    likelihood = before * math.exp(nats)
+    return likelihood / (likelihood + 1.0 - before)
 
 
 def log_odds_of(honest: float) -> float:
@@ -123,7 +100,7 @@ def among_contradicted(trust: float) -> float:
 
 
 def odds_of_fault(trust: float) -> float:
-    """Of an observer that is trusted so far (3), over those at the start, when trust is 1."""
+    """Of an observer that is trusted so far, over those at the start, when trust is 1."""
     return (1.0 / (HONEST * trust) - 1.0) * HONEST / FAULT
 
 
@@ -140,23 +117,17 @@ def after_message(honest: float, overlap: float, seconds: float) -> float:
     """
     share = min(max(seconds, 0.0), 1.0)
     nats = nats_of(overlap) if overlap < 1.0 else 0.0
-    return observed(returned(honest, share), nats + share * AGREES)
+    return observed(honest, nats + share * AGREES, share)
 
 
 def after_decision(honest: float, overlap: float, seconds: float) -> float:
     """P(honest) of the labels once an observer has said so of the label decided for so many seconds."""
     share = seconds / MOVEMENT_S
-    return observed(returned(honest, share), share * min(nats_of(overlap), AGREES))
-
-
-def information_of(p: Sequence[float], unlearned: float | None) -> float:
-    """How much a posterior (M,) knows about the movement: 0 if it is uniform, or of something else; 1 if it is sure."""
-    certainty = math.log(max(len(p) * max(p), 1.0)) / math.log(len(p)) if len(p) > 1 else 0.0
-    return certainty * (1.0 - (unlearned or 0.0))
+    return observed(honest, share * min(nats_of(overlap), AGREES), share)
 
 
 def published_trust(honest: float, steady: float, usual: float) -> float:
-    """The trust in the labels of an observer, as votes have it (3).
+    """The trust in the labels of an observer, as votes have it.
 
     honest: P(honest) on the label channel; steady: on the time channel; usual: that of most observers.
     """
@@ -182,34 +153,37 @@ class Reliability:
         return honest_of(self.evidence.get(observer, 0.0))
 
     def correlations(self, observer: str) -> dict[str, float]:
-        """rho with each correlated observer, MIN_CORRELATION to 1."""
+        """rho = n/(n + PRIOR_COUNT) exp(-mean distance/CORRELATION_SCALE) with each other, MIN_CORRELATION to 1."""
         result = {}
         for pair, times in self.times.items():
-            one, _, two = pair.partition(" ")
-            if observer in (one, two) and times > 0:
+            names = pair.split(" ")
+            if observer in names and times > 0:
+                names.remove(observer)
                 mean_distance = self.distance.get(pair, times) / times
-                rho = times / (times + PRIOR_COUNT) * float(np.exp(-mean_distance / CORRELATION_SCALE))
+                rho = times / (times + PRIOR_COUNT) * math.exp(-mean_distance / CORRELATION_SCALE)
                 if rho >= MIN_CORRELATION:
-                    result[two if observer == one else one] = round(rho, 3)
+                    result[names[0]] = round(rho, 3)
         return result
 
 
 def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:
-    """The reliability after this verdict; unchanged unless the verdict is final and new."""
+    """The reliability after this verdict; unchanged unless the verdict is final and new.
+
+    A verdict that has ended is an observation on the label channel; an abstention is none. The distance of two
+    posteriors shows whether their observers see the same; two that are certain of the same show nothing.
+    """
     if verdict.ended_ns is None or verdict.label == ABSTAIN or verdict.id == reliability.verdict:
         return reliability
     size = vocabulary.size
     votes = {name: np.array(v.p) for name, v in verdict.votes.items() if v.p is not None and len(v.p) == size}
-    honest = {name: returned(reliability.honest(name), 1.0) for name in {*reliability.evidence, *votes}}
+    nats = dict.fromkeys({*reliability.evidence, *votes}, 0.0)
     if len(votes) >= LEAST_VOTES and verdict.label in vocabulary.labels:
         label = vocabulary.index(verdict.label)
         for name, p in votes.items():
-            overlap = (size + 1) * float(p[label]) * (1.0 - (verdict.votes[name].unlearned or 0.0))
-            honest[name] = observed(honest[name], nats_of(overlap))
-    nats = {name: round(log_odds_of(honest[name]), 6) for name in sorted(honest)}
-    evidence = {name: own for name, own in nats.items() if abs(own) > MIN_COUNT}
+            nats[name] = nats_of((size + 1) * float(p[label]) * (1.0 - (verdict.votes[name].unlearned or 0.0)))
+    log_odds = {n: round(log_odds_of(observed(reliability.honest(n), nats[n], 1.0)), 6) for n in sorted(nats)}
+    evidence = {name: own for name, own in log_odds.items() if abs(own) > MIN_COUNT}
     times, distance = _decayed(reliability.times), _decayed(reliability.distance)
-    # (N, M) -> (N, N), of all pairs at once.
     voters = sorted(votes)
     distances = log_distance(np.array([votes[name] for name in voters]) * size).tolist() if len(voters) > 1 else []
     for (n, one), (k, two) in combinations(enumerate(voters), 2):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from engine_stage import aged
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,14 +21,12 @@ from fusion.engine.trust import (
     Reliability,
     after_message,
     honest_of,
-    information_of,
     learn_from_verdict,
     log_odds_of,
     nats_of,
     observed,
     overlap_of,
     published_trust,
-    returned,
 )
 
 VOCABULARY = Vocabulary(("bow", "lunge", "punch", "kick"))
@@ -213,7 +212,7 @@ def test_overlap_by_the_formula():
     [((1, 0, 0, 0), None, 1.0), ((0.25,) * 4, 0.0, 0.0), ((0.5, 0.5, 0, 0), 0.0, 0.5), ((1, 0, 0, 0), 0.75, 0.25)],
 )
 def test_the_information_of_a_posterior(p, unlearned, information):
-    assert information_of(p, unlearned) == pytest.approx(information)
+    assert aged("cam", p, unlearned=unlearned).information == pytest.approx(information)
 
 
 @given(
@@ -237,5 +236,5 @@ def test_the_filter_is_bayes_rule_over_both_states(observations):
         transition = stays * np.eye(2) + (1 - stays) * np.array([[HONEST, FAULT], [HONEST, FAULT]])
         belief = belief @ transition * np.array([(1 - BLUR) * overlap + BLUR, 1.0])
         belief /= belief.sum()
-        honest = observed(returned(honest, passed), nats_of(overlap))
+        honest = observed(honest, nats_of(overlap), passed)
     assert honest == pytest.approx(belief[0], abs=1e-9) and honest_of(log_odds_of(honest)) == pytest.approx(honest)

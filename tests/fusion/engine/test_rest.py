@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from fusion.engine.rest import GAIN, RestPool, RestTrust, pooled_rest
+from fusion.engine.rest import GAIN, RestPool, pooled_rest
 from fusion.engine.trust import BLUR, HONEST, MEMORY, OBSERVATION_S
 from fusion.engine.verdicts import CONTESTED_REST
 
@@ -65,7 +65,7 @@ def trusted(*courses, information=()):
 
     information: of the first observers in each step, 0 to 9.
     """
-    trust, result = RestTrust(), []
+    trust, result = RestPool(), []
     for step, sides in enumerate(zip(*courses, strict=True)):
         known = [int(course[step]) / 9 for course in information] + [0.0] * len(sides)
         posteriors = [
@@ -127,7 +127,7 @@ def test_the_trust_of_two_that_contradict_each_other_is_the_posterior_of_the_for
 
 def least_reliability(course, lag, every, others=PERSON):
     """Of an observer whose frames come `lag` steps late, one in `every`, beside two in time."""
-    trust, least = RestTrust(), 1.0
+    trust, least = RestPool(), 1.0
     for step in range(len(course)):
         frame = max((step - lag) // every * every, 0)
         age_s = (step - frame) * STEP_NS / SECOND_NS
@@ -202,7 +202,7 @@ def test_one_whose_labels_the_others_contradict_does_not_decide_on_a_pause(relia
 
 
 def test_a_clock_that_was_set_back_begins_anew():
-    trust = RestTrust()
+    trust = RestPool()
     for n in range(60):
         trust.update([aged_rest(0, n % 2, 1.0), aged_rest(1, 0.1, 1.0)], n * STEP_NS)
     assert trust.update([aged_rest(0, 0.1, 1.0), aged_rest(1, 0.1, 1.0)], 0) == [1.0, 1.0]
