@@ -34,7 +34,6 @@ class ObserverRecord:
 
     skew_s: float | None = None
     honest: float = HONEST
-    correlations: Mapping[str, float] = field(default_factory=dict)
 
 
 NO_RECORD = ObserverRecord()
@@ -48,9 +47,8 @@ class AgedPosterior:
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
-    labels and its course (trust.py). correlations: with other observers, learned from verdicts (trust.py).
-    freshness: k of the fading, 0 to 1. repetitions, repeated: as published. answers: `answers_of` it, if known.
-    score: as published, or why there is none, by our clock.
+    labels and its course (trust.py). freshness: k of the fading, 0 to 1. repetitions, repeated: as published. answers:
+    `answers_of` it, if known. score: as published, or why there is none, by our clock.
     """
 
     observer: str
@@ -63,7 +61,6 @@ class AgedPosterior:
     surprise: Surprise | None = None
     facets: Mapping[str, Sequence[float]] = field(default_factory=dict)
     reliability: float = 1.0
-    correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
     repetitions: float | None = None
     answers: Floats | None = None

@@ -91,8 +91,8 @@ class FusionEngine:
     def reliability(self, reliability: Reliability) -> None:
         self._reliability = reliability
         # Read at every step, and changed once per verdict.
-        honest, correlations, names = reliability.honest, reliability.correlations, self._roster.rejected
-        self._records = {each: ObserverRecord(self.skew_s(each), honest(each), correlations(each)) for each in names}
+        names = self._roster.rejected
+        self._records = {each: ObserverRecord(self.skew_s(each), reliability.honest(each)) for each in names}
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` seconds after the first one."""

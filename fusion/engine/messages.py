@@ -27,11 +27,10 @@ from common.messages import (
 from common.posterior import Repeated
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
-from fusion.engine.guarded_product import TINY
+from fusion.engine.guarded_product import NATS_TO_BITS, TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import MovementProgress, repetition_fields
-from fusion.engine.weighing import NATS_TO_BITS
 
 PublishedFacets = Mapping[str, list[float]]
 LABEL_MARGIN = 0.01
@@ -233,7 +232,7 @@ def _vote(
         "reliability": posterior.reliability,
         "rest_reliability": rest_reliability,
         "label_reliability": posterior.reliability if posterior.reliability < 1.0 else None,
-        "doubles": dict(posterior.correlations) if posterior.correlations else None,
+        "doubles": None,
         "root_p": roots if is_used else None,
         "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,
         "repetitions": posterior.repetitions if is_used else None,

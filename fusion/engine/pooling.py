@@ -1,16 +1,6 @@
 """Pooling of everything that observers publish: movements, "something else", facing and facets. Pure.
 
-The design: fusion.md, "More than movements".
-
-1. Unlearned: an observer may publish the probability u that the movement is none of the vocabulary. This adds an
-   answer, "something else": q = ((1-u) p, u), with a uniform prior over M+1 answers. An observer that does not publish
-   it is taken at the prior, u = 1/(M+1). If no observer publishes it, there is no such answer.
-2. Facing: an observer may publish P(k | movement m) over K directions. Its joint posterior is q(m) P(k | m). Observers
-   that do not publish it, or in another number of directions than most, are uniform over k, which is neutral. The rule
-   weighs by the movements alone, mixes movement and facing together, and the facing is then summed out.
-3. Temperature flattens or sharpens the pooled posterior over the answers. The facing, given the answer, stays.
-4. A facet is pooled by the same rule over the observers that publish it, in the cases that ask for it.
-5. Rest is pooled in rest.py.
+The design, with the numbers that the code names: fusion.md, "More than movements". Rest is pooled in rest.py.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -24,7 +14,7 @@ from common.posterior import FACETS_LIMIT
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.aged_posterior import answers_of
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.weighing import ObserverTrust, Rule, RuleResult
+from fusion.engine.weighing import Rule, RuleResult, Trust
 
 FACING = "facing"
 FACETS_NS = SECOND_NS // 5
@@ -94,8 +84,8 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
         if case.rule.pool_movements is not None and all(posterior.surprise is None for posterior in case.posteriors):
-            sizes, has_correlations = (len(case.posteriors), len(case.prior)), _has_correlations(case.posteriors)
-            kind = (case.rule.name, *sizes, case.temperature, case.has_unlearned, has_correlations)
+            sizes = len(case.posteriors), len(case.prior)
+            kind = (case.rule.name, *sizes, case.temperature, case.has_unlearned)
             batches.setdefault(kind, []).append(n)
         else:
             pooled[n] = pool_posteriors(case)
@@ -113,15 +103,21 @@ def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     has_unlearned, prior = first.has_unlearned, _prior(first, first.has_unlearned)
     rows = [_rows(case) for case in cases]
     answers = np.array([_answers(case, case_rows, has_unlearned) for case, case_rows in zip(cases, rows, strict=True)])
-    trust = ObserverTrust.stack([observer_trust(case.posteriors) for case in cases])
+    trust = _stacked([observer_trust(case.posteriors) for case in cases])
     pooled = first.rule.pool(answers, prior, trust)
     for case_rows, p, weights in zip(rows, pooled.p, pooled.weights, strict=True):
         yield _result(case_rows, _tempered(p, prior, first.temperature), weights, has_unlearned)
 
 
-def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | None = None) -> RuleResult:
+def _stacked(trusts: Sequence[Trust]) -> Trust:
+    """The trust in the observers of several scenes with as many observers each, (S, N)."""
+    known = [trust for trust in trusts if trust is not None]
+    return np.array([np.ones_like(known[0]) if trust is None else trust for trust in trusts]) if known else None
+
+
+def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: Trust = None) -> RuleResult:
     """Pool cells (N, R, K) of N observers over R answers and K directions, with prior (R,), to p (R, K) (2)."""
-    weighed = rule.weigh(cells.sum(axis=2), prior, trust or ObserverTrust.unknown(len(cells)))
+    weighed = rule.weigh(cells.sum(axis=2), prior, trust)
     return RuleResult(rule.mix(cells, prior, weighed), weighed.shares)
 
 
@@ -138,7 +134,7 @@ def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
 def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
     """Every facet that some observer publishes, by name, of each case (4); facets of equal shape together."""
     results: list[dict[str, Floats]] = [{} for _ in cases]
-    batches: dict[tuple[str, int, int, bool], list[_Facet]] = {}
+    batches: dict[tuple[str, int, int], list[_Facet]] = {}
     for case, pooled in zip(cases, results, strict=True):
         published = [posterior.facets for posterior in case.posteriors if posterior.facets]
         if not published:
@@ -154,8 +150,8 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
             places = [n for n, own in enumerate(sizes) if own == size]
             rows = [case.posteriors[n].facets[name] for n in places]
             pooled[name] = NOT_POOLED
-            facet = _Facet(case.rule, name, rows, trust.subset(places), pooled)
-            batches.setdefault((case.rule.name, size, len(places), facet.trust.has_correlations), []).append(facet)
+            facet = _Facet(case.rule, name, rows, None if trust is None else trust[places], pooled)
+            batches.setdefault((case.rule.name, size, len(places)), []).append(facet)
     for batch in batches.values():
         for facet, p in zip(batch, _pool_alike(batch), strict=True):
             facet.pooled[facet.name] = p
@@ -169,7 +165,7 @@ class _Facet:
     rule: Rule
     name: str
     rows: Sequence[Sequence[float]]
-    trust: ObserverTrust
+    trust: Trust
     pooled: dict[str, Floats]
 
 
@@ -181,7 +177,7 @@ def _pool_alike(facets: Sequence[_Facet]) -> Iterable[Floats]:
     rows /= rows.sum(axis=-1, keepdims=True)
     if rule.pool_movements is None or len(facets) == 1:
         return [rule.pool(own, prior, facet.trust).p for own, facet in zip(rows, facets, strict=True)]
-    return rule.pool(rows, prior, ObserverTrust.stack([facet.trust for facet in facets])).p
+    return rule.pool(rows, prior, _stacked([facet.trust for facet in facets])).p
 
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
@@ -196,25 +192,10 @@ def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int |
     return now_ns - round(least_age_s * SECOND_NS) if least_age_s > 0.0 else now_ns
 
 
-def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
-    """The trust in the observers; correlations with observers that are not among them are left out."""
-    unknown = ObserverTrust.unknown(len(posteriors))
+def observer_trust(posteriors: Sequence[AgedPosterior]) -> Trust:
+    """How far each observer is relied on."""
     reliability = [posterior.reliability for posterior in posteriors]
-    has_trust = min(reliability) < 1.0
-    trust = np.array(reliability) if has_trust else unknown.trust
-    if not _has_correlations(posteriors):
-        return ObserverTrust(trust, unknown.correlations, False, has_trust) if has_trust else unknown
-    place = {posterior.observer: n for n, posterior in enumerate(posteriors)}
-    correlations = unknown.correlations.copy()
-    for posterior in posteriors:
-        for other, rho in posterior.correlations.items():
-            if other in place and other != posterior.observer:
-                correlations[place[posterior.observer], place[other]] = rho
-    return ObserverTrust(trust, correlations, True, has_trust)
-
-
-def _has_correlations(posteriors: Sequence[AgedPosterior]) -> bool:
-    return bool([posterior for posterior in posteriors if posterior.correlations])
+    return np.array(reliability) if min(reliability) < 1.0 else None
 
 
 def facing_deg(facing: Floats) -> float:

@@ -13,9 +13,10 @@ from collections.abc import Callable
 import numpy as np
 
 from common.probability import SMALLEST, Floats, entropy_bits, softmax
-from fusion.engine.weighing import ENTROPY_FLOOR_BITS, ObserverTrust, PoolingWeights, Weigh
+from fusion.engine.weighing import PoolingWeights, Trust, Weigh
 
-# Weights
+ENTROPY_FLOOR_BITS = 0.01
+"""A one-hot posterior has entropy 0 and would weigh infinitely; no observer counts as surer than this."""
 
 
 def inverse_entropy(entropies: Floats) -> Floats:
@@ -40,7 +41,7 @@ def equal_weights(values: Floats) -> Floats:
 def by_entropy(weights_of: Callable[[Floats], Floats]) -> Weigh:
     """Weights from the entropies alone."""
 
-    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
+    def weigh(p: Floats, prior: Floats, trust: Trust) -> PoolingWeights:
         weights = weights_of(entropy_bits(p))
         return PoolingWeights(weights, np.zeros(len(p)), weights)
 
@@ -50,13 +51,10 @@ def by_entropy(weights_of: Callable[[Floats], Floats]) -> Weigh:
 def same_exponent(exponent: Callable[[int], float]) -> Weigh:
     """The same exponent for every observer, a function of their number."""
 
-    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> PoolingWeights:
+    def weigh(p: Floats, prior: Floats, trust: Trust) -> PoolingWeights:
         return PoolingWeights(np.full(len(p), exponent(len(p))), np.zeros(len(p)), equal_weights(p[:, 0]))
 
     return weigh
-
-
-# Mixes
 
 
 def linear_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
@@ -67,34 +65,16 @@ def linear_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
 
 
 def log_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
-    """P proportional to prior prod_i (p~_i/prior)^w_i, p~ = (1-eps) p + eps prior.
+    """P proportional to prior prod_i (p~_i/prior)^w_i, p~ = (1-eps) p + eps prior; its average over hypotheses, if any.
 
     - w = 1/N, eps = 0: the log pool, idempotent, and externally Bayesian because the weights sum to 1.
     - w = 1, eps = 0: Bayes' rule for independent observers that share the prior.
     """
-    if cells.shape[-1] == 1:
-        log_ratio = _log_ratio(cells[..., 0], prior, weighed.epsilon)
-        logs = np.log(prior) + (weighed.exponents[..., None, :] @ log_ratio)[..., 0, :]
-        return softmax(logs)[..., None]
-    log_ratio = np.tensordot(weighed.exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
-    return softmax((np.log(prior)[:, None] + log_ratio).reshape(-1)).reshape(log_ratio.shape)
-
-
-def averaged_log_mix(cells: Floats, prior: Floats, weighed: PoolingWeights) -> Floats:
-    """The average of `log_mix` over the hypotheses of `weighed`, by their probabilities (guarded_product.py)."""
     hypotheses = np.ones(1) if weighed.hypotheses is None else weighed.hypotheses
-    if cells.shape[-1] == 1:
-        log_ratio = _log_ratio(cells[..., 0], prior, weighed.epsilon)
-        pooled = softmax(np.log(prior) + weighed.exponents @ log_ratio)
-        return (hypotheses[..., None, :] @ pooled)[..., 0, :, None]
-    log_ratio = np.tensordot(weighed.exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
+    exponents = np.atleast_2d(weighed.exponents)
+    log_ratio = np.tensordot(exponents, _joint_log_ratio(cells, prior, weighed.epsilon), 1)
     logs = (np.log(prior)[:, None] + log_ratio).reshape(len(hypotheses), -1)
     return (hypotheses @ softmax(logs)).reshape(log_ratio.shape[1:])
-
-
-def _log_ratio(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
-    """(..., N, M) ln(p~/prior), the log likelihood up to a constant per observer. epsilon (..., N)."""
-    return _safe_log((1 - epsilon)[..., None] * (p / prior) + epsilon[..., None])
 
 
 def _joint_log_ratio(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
@@ -103,14 +83,9 @@ def _joint_log_ratio(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
     eps is mixed into the movements and, within each movement, into the second variable. It therefore bounds the
     influence of one observer on the movement as it does without K.
     """
-    p, size = cells.sum(axis=2), cells.shape[2]
-    inside = np.where(p[:, :, None] > 0, cells / np.maximum(p, SMALLEST)[:, :, None], 1.0 / size)
-    robust = (1 - epsilon)[:, None, None] * inside * size + epsilon[:, None, None]
-    log_ratio: Floats = _log_ratio(p, prior, epsilon)[:, :, None] + _safe_log(robust)
+    p, epsilon, size = cells.sum(axis=2, keepdims=True), epsilon[:, None, None], cells.shape[2]
+    inside = np.where(p > SMALLEST, cells / np.maximum(p, SMALLEST), 1.0 / size)
+    movement = np.maximum((1 - epsilon) * (p / prior[:, None]) + epsilon, SMALLEST)
+    second = np.maximum((1 - epsilon) * inside * size + epsilon, SMALLEST)
+    log_ratio: Floats = np.log(movement) + np.log(second)
     return log_ratio
-
-
-def _safe_log(p: Floats) -> Floats:
-    """ln p, finite also for 0."""
-    logs: Floats = np.log(np.maximum(p, SMALLEST))
-    return logs

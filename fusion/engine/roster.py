@@ -209,14 +209,14 @@ class Roster:
                 freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
                 fresh = AgedPosterior(
                     observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise,
-                    state.facets, trust, record.correlations, freshness, message.repetitions, state.answers,
+                    state.facets, trust, freshness, message.repetitions, state.answers,
                     message.repeated, state.score,
                 )  # fmt: skip
                 return fresh if freshness == 1.0 else faded(fresh, self.prior)
         # It contributes the prior (rule 4).
         return AgedPosterior(
             observer, self.prior, rest, age_s, self._unused_state(state, now_ns), record.skew_s, None, None, {}, trust,
-            record.correlations, 0.0, answers=self._neutral,
+            0.0, answers=self._neutral,
         )  # fmt: skip
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:

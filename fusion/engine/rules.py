@@ -16,7 +16,6 @@ from common.plugins import plugin, plugins
 from common.text import nearest
 from fusion.engine.guarded_product import guarded_product, guarded_weights
 from fusion.engine.pools import (
-    averaged_log_mix,
     by_entropy,
     equal_weights,
     inverse_entropy,
@@ -31,7 +30,7 @@ RULES = {
     rule.name: rule
     for rule in (
         # What a scene should use.
-        Rule("guarded_product", guarded_weights, averaged_log_mix, guarded_product),
+        Rule("guarded_product", guarded_weights, log_mix, guarded_product),
         # The paper's, to repeat and to surpass it.
         Rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
         # The two axiomatic pools: safe for observers that share their evidence, and right for independent ones.

@@ -10,17 +10,14 @@ fault. What an observation is on each channel: fusion.md, "Trust".
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import combinations
 from typing import Annotated
 
-import numpy as np
 from pydantic import Field
 
 from common.message_types import CONTRADICTED
 from common.messages import VerdictMessage
 from common.probability import Floats
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.weighing import log_distance
 
 FAULT = 0.1
 """Probability that an observer is faulty before anything is known: one movement in which it is sure of another label
@@ -44,21 +41,10 @@ HONEST = 1.0 - FAULT
 AGREES = math.log(2.0 - BLUR)
 CONTRADICTS = math.log(BLUR)
 """Nats: ln g of an observation with two answers, if q is certain."""
-DECAY = math.exp(-1.0 / MEMORY)
-PRIOR_COUNT = 4.0
-"""c: imagined earlier verdicts in which two observers differed as independent ones do."""
-CORRELATION_SCALE = 0.1
-"""Mean distance at which rho is 1/e; views 8, 30 and 90 degrees apart had distances of about .05, .15 and .25."""
-UNCERTAIN_MASS = 0.1
-"""Two posteriors whose mean leaves this much to other labels teach their full distance; less, in proportion."""
-MIN_CORRELATION = 0.05
-"""A smaller rho counts as 0."""
-MIN_COUNT = 0.01
-"""A smaller count, and less evidence, is dropped, so that an observer that left for good leaves no trace."""
+LEAST_NATS = 0.01
+"""Less evidence is dropped, so that an observer that left for good leaves no trace."""
 MOST_EVIDENCE = 20.0
 """Nats; the memory of the filter keeps it below 8, so that a file with more is spoiled."""
-Counts = Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
-"""The annotation is checked when counts are read from a file."""
 
 
 def nats_of(overlap: float) -> float:
@@ -138,13 +124,9 @@ def published_trust(honest: float, steady: float, usual: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """evidence: nats for the honesty of each observer's labels, beside those at the start.
+    """evidence: nats for the honesty of each observer's labels, beside those at the start; checked when it is read from
+    a file. verdict: id of the last verdict that was counted."""
 
-    Decaying counts: times and distance per pair, under "one two". verdict: id of the last verdict that was counted.
-    """
-
-    times: Counts = field(default_factory=dict)
-    distance: Counts = field(default_factory=dict)
     verdict: str = ""
     evidence: Mapping[str, Annotated[float, Field(ge=-MOST_EVIDENCE, le=MOST_EVIDENCE)]] = field(default_factory=dict)
 
@@ -152,48 +134,18 @@ class Reliability:
         """P(the labels of an observer are honest)."""
         return honest_of(self.evidence.get(observer, 0.0))
 
-    def correlations(self, observer: str) -> dict[str, float]:
-        """rho = n/(n + PRIOR_COUNT) exp(-mean distance/CORRELATION_SCALE) with each other, MIN_CORRELATION to 1."""
-        result = {}
-        for pair, times in self.times.items():
-            names = pair.split(" ")
-            if observer in names and times > 0:
-                names.remove(observer)
-                mean_distance = self.distance.get(pair, times) / times
-                rho = times / (times + PRIOR_COUNT) * math.exp(-mean_distance / CORRELATION_SCALE)
-                if rho >= MIN_CORRELATION:
-                    result[names[0]] = round(rho, 3)
-        return result
-
 
 def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:
-    """The reliability after this verdict; unchanged unless the verdict is final and new.
-
-    A verdict that has ended is an observation on the label channel; an abstention is none. The distance of two
-    posteriors shows whether their observers see the same; two that are certain of the same show nothing.
-    """
+    """The reliability after this verdict; unchanged unless the verdict is final and new, and no abstention."""
     if verdict.ended_ns is None or verdict.label == ABSTAIN or verdict.id == reliability.verdict:
         return reliability
     size = vocabulary.size
-    votes = {name: np.array(v.p) for name, v in verdict.votes.items() if v.p is not None and len(v.p) == size}
+    votes = {name: v.p for name, v in verdict.votes.items() if v.p is not None and len(v.p) == size}
     nats = dict.fromkeys({*reliability.evidence, *votes}, 0.0)
     if len(votes) >= LEAST_VOTES and verdict.label in vocabulary.labels:
         label = vocabulary.index(verdict.label)
         for name, p in votes.items():
-            nats[name] = nats_of((size + 1) * float(p[label]) * (1.0 - (verdict.votes[name].unlearned or 0.0)))
+            nats[name] = nats_of((size + 1) * p[label] * (1.0 - (verdict.votes[name].unlearned or 0.0)))
     log_odds = {n: round(log_odds_of(observed(reliability.honest(n), nats[n], 1.0)), 6) for n in sorted(nats)}
-    evidence = {name: own for name, own in log_odds.items() if abs(own) > MIN_COUNT}
-    times, distance = _decayed(reliability.times), _decayed(reliability.distance)
-    voters = sorted(votes)
-    distances = log_distance(np.array([votes[name] for name in voters]) * size).tolist() if len(voters) > 1 else []
-    for (n, one), (k, two) in combinations(enumerate(voters), 2):
-        p, q = votes[one], votes[two]
-        weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNCERTAIN_MASS)
-        pair = f"{one} {two}"
-        times[pair] = times.get(pair, 0.0) + weight
-        distance[pair] = distance.get(pair, 0.0) + weight * distances[n][k]
-    return Reliability(times, distance, verdict.id, evidence)
-
-
-def _decayed(counts: Mapping[str, float]) -> dict[str, float]:
-    return {name: count * DECAY for name, count in counts.items() if count > MIN_COUNT}
+    evidence = {name: own for name, own in log_odds.items() if abs(own) > LEAST_NATS}
+    return Reliability(verdict.id, evidence)

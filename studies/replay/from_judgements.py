@@ -7,7 +7,7 @@
 3. Votes carry no scores, so an ended verdict has its recorded ones, and after a change none.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -181,7 +181,7 @@ class JudgementReplay:
     def _output(self, engine: FusionEngine, judgement: JudgementMessage) -> EngineOutput:
         prior = uniform(engine.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
-        posteriors = [_posterior(o, judgement.votes[o], prior, remaining) for o in remaining]
+        posteriors = [_posterior(o, judgement.votes[o], prior) for o in remaining]
         engine.place = judgement.place
         output = engine.output_for(posteriors, judgement.at_ns)
         sender = {"fusion": judgement.fusion, "epoch": judgement.epoch, "session": judgement.session}
@@ -194,8 +194,8 @@ class JudgementReplay:
         return {name: self._scores[name] for name in SCORE_FIELDS} if is_same and not self._change.any else {}
 
 
-def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> AgedPosterior:
-    """The vote as it was pooled, among the remaining observers; the prior for an observer without a posterior."""
+def _posterior(observer: str, vote: Vote, prior: Floats) -> AgedPosterior:
+    """The vote as it was pooled; the prior for an observer without a posterior."""
     p = prior if vote.p is None else np.array(vote.p)
     if p.shape != prior.shape or not np.isfinite(p).all():
         raise LabanmeshError(
@@ -215,7 +215,6 @@ def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[s
         surprise,
         vote.facets or {},
         1.0 if vote.reliability is None else vote.reliability,
-        {other: share for other, share in (vote.doubles or {}).items() if other in remaining},
         1.0 if vote.freshness is None else vote.freshness,
         vote.repetitions,
         repeated=None

@@ -7,34 +7,33 @@ from fusion.engine.guarded_product import (
     BETA,
     EPSILON,
     GAMMA,
+    LEAST_LOG,
+    LOG_FLOOR,
+    NATS_TO_BITS,
     ODDS_OF_FOUR,
     ODDS_OF_THREE,
+    PARTICIPATION_BITS,
+    SIMILARITY_SCALE,
+    UNCERTAIN_MASS,
     believed_by,
 )
 from fusion.engine.trust import odds_of_fault
-from fusion.engine.weighing import (
-    NATS_TO_BITS,
-    PARTICIPATION_BITS,
-    PoolingWeights,
-    similarity,
-    sum_last,
-    uncertainty,
-)
+from fusion.engine.weighing import PoolingWeights
 
 EXPONENT_LIMIT = 500.0
 """Nats; far beyond the log Bayes factor of some tens of observers. It keeps the exponential finite."""
 
 
-def plain_weights(p, prior, observers):
+def plain_weights(p, prior, trust=None):
     """(..., N, M) posteriors, (M,) prior -> exponents (..., H, N) and probabilities of H hypotheses: N + 1, or 1."""
-    ratio = p * (1.0 / prior)
+    ratio, trust = p * (1.0 / prior), np.ones(p.shape[:-1]) if trust is None else trust
     divergence_bits = divergence_from_prior(p, ratio)
     participation = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
     believed = believed_by(p.shape[-2])
     # Row j, column i: the correlation by which observer i loses weight to observer j.
-    rho = np.maximum(similarity(ratio) * uncertainty(p), observers.correlations * participation[..., :, None])
-    w = believed * observers.trust[..., None, :] / (1.0 + believed @ rho)
-    hypotheses = _hypotheses(w, ratio, prior, participation * odds_of_fault(observers.trust), sum_last(participation))
+    rho = similarity(ratio) * uncertainty(p)
+    w = believed * trust[..., None, :] / (1.0 + believed @ rho)
+    hypotheses = _hypotheses(w, ratio, prior, participation * odds_of_fault(trust), participation.sum(axis=-1))
     exponents = w * np.maximum(_effective_number(w, divergence_bits), 1.0)[..., None] ** (GAMMA - 1.0)
     mean_exponents = (hypotheses[..., None, :] @ exponents)[..., 0, :]
     return PoolingWeights(
@@ -42,11 +41,26 @@ def plain_weights(p, prior, observers):
     )
 
 
+def uncertainty(p):
+    """(..., N, N), 0 to 1: 0 for two that are certain of the same label, 1 for others."""
+    top = (p[..., :, None, :] + p[..., None, :, :]).max(axis=-1)
+    return np.minimum((1.0 - top / 2) / UNCERTAIN_MASS, 1.0)
+
+
+def similarity(ratio):
+    """(..., N, N): 1 for equal posteriors, near 0 for independent ones; diagonal 0."""
+    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR + LEAST_LOG)
+    sizes = np.abs(logs).sum(axis=-1)
+    both = sizes[..., :, None] + sizes[..., None, :]
+    distance = np.abs(logs[..., :, None, :] - logs[..., None, :, :]).sum(axis=-1) / (both / 2)
+    return np.exp(-distance / SIMILARITY_SCALE) * (1.0 - np.eye(ratio.shape[-2]))
+
+
 def _effective_number(w, divergence_bits):
     """W of each hypothesis (3), (..., H); 1 if no observer participates. w (..., H, N)."""
     information = w * divergence_bits[..., None, :]
     squares = (information @ divergence_bits[..., None])[..., 0]
-    return (sum_last(information) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
+    return (information.sum(axis=-1) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
 
 
 def _hypotheses(w, ratio, prior, doubted, participants):
@@ -60,7 +74,7 @@ def _hypotheses(w, ratio, prior, doubted, participants):
     odds = odds + (ODDS_OF_FOUR - ODDS_OF_THREE) * np.minimum(np.maximum(participants - 3.0, 0.0), 1.0)
     mass = np.exp(np.minimum(BETA * (log_z - log_z[..., :1]), EXPONENT_LIMIT))
     mass[..., 1:] *= odds[..., None] * doubted
-    return mass / sum_last(mass)[..., None]
+    return mass / mass.sum(axis=-1, keepdims=True)
 
 
 def divergence_from_prior(p, ratio):
@@ -71,5 +85,5 @@ def divergence_from_prior(p, ratio):
 
 def shares_of(amounts):
     """(..., N) amounts, at least 0 -> their shares of the sum along the last axis; equal shares of 0."""
-    total = sum_last(amounts)[..., None]
+    total = amounts.sum(axis=-1, keepdims=True)
     return np.where(total > 0, amounts / np.maximum(total, SMALLEST), 1.0 / amounts.shape[-1])

@@ -22,7 +22,7 @@ from fusion.engine.pooling import (
     pool_posteriors,
     pool_steps,
 )
-from fusion.engine.pools import averaged_log_mix
+from fusion.engine.pools import log_mix
 from fusion.engine.rules import DEFAULT_RULE, RULES, get_rule
 
 ALL = list(RULES.values())
@@ -200,7 +200,7 @@ def test_facets_that_are_pooled_together_are_those_of_the_plain_formula(sizes, o
         rows = np.array([vote.facets[name] for vote in publishers])
         prior = uniform(rows.shape[1])
         weighed = guarded_weights(rows, prior, observer_trust(publishers))
-        assert p == pytest.approx(averaged_log_mix(rows[:, :, None], prior, weighed)[:, 0], abs=1e-9)
+        assert p == pytest.approx(log_mix(rows[:, :, None], prior, weighed)[:, 0], abs=1e-9)
 
 
 def test_the_newest_capture_is_that_of_a_pooled_posterior_and_not_in_the_future():
@@ -218,12 +218,9 @@ def test_invented_facets_are_limited():
     assert len(facets_of(votes)) == 32
 
 
-def test_trust_and_correlations_come_with_the_posteriors():
-    votes = posteriors(
-        {"reliability": 0.2, "correlations": {"cam1": 0.7, "cam9": 1.0}}, {"correlations": {"cam0": 0.7}}
-    )
-    trust = observer_trust(votes)
-    assert trust.trust.tolist() == [0.2, 1.0, 1.0] and trust.correlations[0].tolist() == [0, 0.7, 0]
+def test_trust_comes_with_the_posteriors():
+    votes = posteriors({"reliability": 0.2}, {})
+    assert observer_trust(votes).tolist() == [0.2, 1.0, 1.0] and observer_trust(posteriors()) is None
     assert pooled(DEFAULT, votes).weights[0] < pooled(DEFAULT, posteriors()).weights[0]
 
 
@@ -235,8 +232,6 @@ def cases(draw):
     for i in range(n):
         mass = np.array(draw(st.lists(st.floats(0.001, 1), min_size=m, max_size=m)))
         fields = {"unlearned": draw(st.none() | st.floats(0, 1)), "reliability": draw(st.sampled_from([1.0, 0.4]))}
-        if i == 0 and n > 1 and draw(st.booleans()):
-            fields["correlations"] = {"cam1": 0.5}
         if draw(st.booleans()) and draw(st.booleans()):
             fields["surprise"] = np.full((m, 3), 9)
         fields["facets"] = {name: normalise(mass[:2] + k) for k, name in enumerate("abc") if draw(st.booleans())}
