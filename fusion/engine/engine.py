@@ -7,10 +7,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
 from common.message_types import LAST_INTEGER
-from common.messages import Contribution, JudgementMessage, PosteriorMessage, VerdictMessage
+from common.messages import WHY_LIMIT, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
@@ -29,15 +30,15 @@ from fusion.engine.segments import (
 )
 from fusion.engine.trust import Reliability, learn_from_verdict
 from fusion.engine.verdicts import (
+    CONTESTED_REST,
     NO_BASES,
-    LastObserved,
     NearestMiss,
     VerdictBasis,
     build_verdict,
     close_verdict,
     contributions,
+    explain_undecided,
     progress_of,
-    why_undecided,
     why_waiting,
     with_score,
 )
@@ -72,7 +73,8 @@ class FusionEngine:
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
-        self._last_observed: LastObserved | None = None
+        self._last_observed: tuple[PooledState, VerdictBasis] | None = None
+        """The last step, if an observer counted in it."""
         self._nearest, self._withheld, self._seq, self._facets_ns = NearestMiss(), list[VerdictMessage](), 0, 0
         self._facets: PublishedFacets = {}
         self.reliability = Reliability()
@@ -171,7 +173,7 @@ class FusionEngine:
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
         # No observer counts any more, as after a film: the last observed state ends in rest, because nothing follows.
         last = None if observed else self._last_observed
-        shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0, observed=False)
+        shown = state if last is None else replace(last[0], at_ns=now_ns, rest=1.0, observed=False)
         decisions = self._segmenter.update(shown) if has_posterior else ()
         self._seq += 1
         progress = self._segmenter.shown
@@ -181,8 +183,8 @@ class FusionEngine:
         stamp = self._stamp(now_ns)
         judgement = self._builder.judgement(ballot, pooled, self._facets, progress, why if is_moving else None, stamp)
         current = VerdictBasis(judgement, posteriors, why)
-        basis = current if last is None else last.basis
-        self._last_observed = LastObserved(state, current) if observed else None
+        basis = current if last is None else last[1]
+        self._last_observed = (state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
         self._roster.compare(judgement.movement, now_ns)
         return EngineOutput(judgement, self._released(verdicts))
@@ -260,8 +262,12 @@ class FusionEngine:
         return released
 
     def _why(self, state: PooledState, observers: int, began_ns: int, missing: Sequence[str]) -> str | None:
-        held_since_ns, contested = self._segmenter.held_since_ns, self._rest.contested
-        why = why_undecided(state, observers, held_since_ns, began_ns, contested, self._config)
+        since_ns, moved_s = self._segmenter.held_since_ns, (state.at_ns - began_ns) / SECOND_NS
+        held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
+        why = explain_undecided(state, observers, held_s, moved_s, self._config)
+        if self._rest.contested:
+            # While the person rested when the two last agreed, no label is wanted.
+            why = CONTESTED_REST if why is None or state.rests else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
         if is_nearer and self._segmenter.movement is not None:
             self._nearest = NearestMiss(began_ns, state.p, why)
@@ -277,23 +283,17 @@ class FusionEngine:
         basis_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
         basis = bases.get(basis_ns or 0, bases[now_ns])
         end = bases.get(decision.ended_ns or 0, basis)
-        verdict_id = self._builder.verdict_id(decision.began_ns)
-        contributed = self._contributions(basis, decision.label)
         why = basis.why if decision.label == ABSTAIN else None
         if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
             why = self._nearest.why
-        return build_verdict(
-            basis.judgement, end.judgement, self._facets_at(end), decision, why, contributed, verdict_id, stamp
-        )
-
-    def _facets_at(self, basis: VerdictBasis) -> PublishedFacets | None:
-        """The facets at the step of `basis` itself: those of its judgement are up to FACETS_NS older."""
-        if not basis.posteriors:
-            return basis.judgement.facets
-        return published_facets(pool_facets([self._case(basis.posteriors)])[0], basis.judgement.facets)
-
-    def _contributions(self, basis: VerdictBasis, label: str) -> Mapping[str, Contribution] | None:
         if isinstance(basis.judgement, VerdictMessage):
-            return basis.judgement.contributions
-        index = None if label == ABSTAIN else self.vocabulary.index(label)
-        return contributions(self._case(basis.posteriors), index)
+            contributed = basis.judgement.contributions
+        else:
+            index = None if decision.label == ABSTAIN else self.vocabulary.index(decision.label)
+            contributed = contributions(self._case(basis.posteriors), index)
+        facets: PublishedFacets | None = end.judgement.facets
+        if end.posteriors:
+            # Those of a judgement are up to FACETS_NS older.
+            facets = published_facets(pool_facets([self._case(end.posteriors)])[0], facets)
+        verdict_id = self._builder.verdict_id(decision.began_ns)
+        return build_verdict(basis.judgement, end.judgement, facets, decision, why, contributed, verdict_id, stamp)

@@ -24,7 +24,6 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
-from common.posterior import Repeated
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
 from fusion.engine.guarded_product import NATS_TO_BITS, TINY
@@ -99,7 +98,8 @@ class JudgementBuilder:
         *entropies, entropy = self._entropies(rows)
         *likeliest, pooled_likeliest = rows.argmax(axis=1).tolist()
         roots, weights = roots_of(rows[:-1]).tolist(), pooled.weights.tolist()
-        with_facing = pooled.facing is not None and _facing_cells(posteriors) <= FACING_CELLS_LIMIT
+        tables = [each.surprise.size for each in posteriors if each.surprise is not None]
+        with_facing = pooled.facing is not None and sum(tables) <= FACING_CELLS_LIMIT
         votes, labels = {}, []
         for n, posterior in enumerate(posteriors):
             label = None
@@ -170,15 +170,11 @@ class JudgementBuilder:
         """As judgements carry it; built once, because it changes seldom."""
         if movement is not self._movement:
             self._movement = movement
-            name = "" if movement is None else self.verdict_id(movement.began_ns)
-            self._ongoing = None if movement is None else _ongoing(movement, name)
+            self._ongoing = None if movement is None else _ongoing(movement, self.verdict_id(movement.began_ns))
         return self._ongoing
 
     def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
-        """Whether the posterior `p` differs from the prior, and "something else" is no likelier than its first label.
-
-        The first label is the likeliest of a uniform posterior, and votes for no movement.
-        """
+        """Whether the posterior `p` differs from the prior, and "something else" is no likelier than a label."""
         top, unlearned, prior = p[likeliest], posterior.unlearned, self._prior
         if unlearned and unlearned > top * (1.0 - unlearned):
             return False
@@ -194,10 +190,6 @@ def _contests(posterior: AgedPosterior, vote: Vote, fused: str) -> bool:
 def _agreement(k: int, n: int) -> Agreement:
     """There are few, and nothing changes one."""
     return unchecked(Agreement, {"k": k, "n": n})
-
-
-def _facing_cells(posteriors: Sequence[AgedPosterior]) -> int:
-    return sum(posterior.surprise.size for posterior in posteriors if posterior.surprise is not None)
 
 
 def _in_range(p: list[float]) -> list[float]:
@@ -216,7 +208,8 @@ def _vote(
     rest_reliability: float | None,
 ) -> Vote:
     is_used, facets = posterior.state in POOLED_STATES, posterior.facets
-    surprise = posterior.surprise if with_facing else None
+    surprise, repeated = posterior.surprise if with_facing else None, posterior.repeated
+    voted = repeated and unchecked(VotedRepeated, {"partial": repeated.partial, "swing": repeated.swing})
     fields = {
         "label": label,
         "entropy": entropy if is_used else None,
@@ -236,21 +229,19 @@ def _vote(
         "root_p": roots if is_used else None,
         "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,
         "repetitions": posterior.repetitions if is_used else None,
-        "repeated": _voted_repeated(posterior.repeated) if is_used and posterior.repeated is not None else None,
+        "repeated": voted if is_used else None,
     }
     return unchecked(Vote, fields)
 
 
-def _voted_repeated(repeated: Repeated) -> VotedRepeated:
-    return unchecked(VotedRepeated, {"partial": repeated.partial, "swing": repeated.swing})
-
-
 def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
     decision = movement.decision
-    fields: dict[str, Any] = {"id": movement_id, "began_ns": movement.began_ns}
-    if decision is None:
-        fields |= {"label": None, "decided_ns": None, "revises": None, "outage_ns": None}
-    else:
-        fields |= {"label": decision.label, "decided_ns": decision.decided_ns, "revises": decision.revises}
-        fields["outage_ns"] = movement.outage_ns
+    fields: dict[str, Any] = {
+        "id": movement_id,
+        "began_ns": movement.began_ns,
+        "label": None if decision is None else decision.label,
+        "decided_ns": None if decision is None else decision.decided_ns,
+        "revises": None if decision is None else decision.revises,
+        "outage_ns": None if decision is None else movement.outage_ns,
+    }
     return unchecked(OngoingMovement, fields)

@@ -66,14 +66,6 @@ class NearestMiss:
     why: str | None = None
 
 
-@dataclass(slots=True)
-class LastObserved:
-    """The last step, if an observer counted in it."""
-
-    state: PooledState
-    basis: VerdictBasis
-
-
 def build_verdict(
     basis: JudgementMessage,
     end: JudgementMessage,
@@ -174,23 +166,6 @@ def explain_undecided(
 def _demand(threshold: float) -> str:
     """Written once: it takes as long as the rest of the sentence."""
     return f"{100 * threshold:g} %"
-
-
-def why_undecided(
-    state: PooledState,
-    observers: int,
-    held_since_ns: int | None,
-    began_ns: int,
-    contested: bool,
-    config: FusionConfig,
-) -> str | None:
-    """Same as `explain_undecided`; contested: two observers contradict each other on whether the person rests."""
-    held_s = None if held_since_ns is None else (state.at_ns - held_since_ns) / SECOND_NS
-    why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, config)
-    if not contested:
-        return why
-    # While the person rested when the two last agreed, no label is wanted.
-    return CONTESTED_REST if why is None or state.rest >= 0.5 else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
 
 
 def why_waiting(missing: Sequence[str]) -> str:
