@@ -7,7 +7,7 @@ from fusion.engine.guarded_product import (
     BETA,
     EPSILON,
     GAMMA,
-    LEAST_LOG,
+    LEAST_SIZE,
     LOG_FLOOR,
     NATS_TO_BITS,
     ODDS_OF_FOUR,
@@ -49,10 +49,10 @@ def uncertainty(p):
 
 def similarity(ratio):
     """(..., N, N): 1 for equal posteriors, near 0 for independent ones; diagonal 0."""
-    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR + LEAST_LOG)
-    sizes = np.abs(logs).sum(axis=-1)
+    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
+    sizes = np.abs(logs).sum(axis=-1) + LEAST_SIZE
     both = sizes[..., :, None] + sizes[..., None, :]
-    distance = np.abs(logs[..., :, None, :] - logs[..., None, :, :]).sum(axis=-1) / (both / 2)
+    distance = (np.abs(logs[..., :, None, :] - logs[..., None, :, :]).sum(axis=-1) + LEAST_SIZE) / (both / 2)
     return np.exp(-distance / SIMILARITY_SCALE) * (1.0 - np.eye(ratio.shape[-2]))
 
 
