@@ -39,7 +39,7 @@ SURE = 1.0 - 2.0 * UNCERTAIN_MASS
 """Of two that are certain of one label together, each is surer of it than this."""
 LOG_FLOOR = 0.01
 """Share of the prior that is mixed into posteriors before their logs are compared, so that zeros stay finite."""
-LEAST_SIZE = np.array(1e-9)
+LEAST_SIZE = np.array(1e-12)
 """Nats; a posterior whose log ratios to the prior add up to less carries no information."""
 MOST_FINITE = 16
 """The product of the likelihoods of more observers may overflow."""
@@ -47,7 +47,8 @@ BAYES_FACTOR_LIMIT = 1e150
 """Its square is finite."""
 NATS_TO_BITS = 1.0 / math.log(2.0)
 ZERO, ONE, D0_SQUARED, TINY, EXPONENT = map(np.array, (0.0, 1.0, PARTICIPATION_BITS**2, SMALLEST, GAMMA - 1.0))
-TO_EXPONENT = np.array(-2.0 / SIMILARITY_SCALE)
+TO_EXPONENT = -2.0 / SIMILARITY_SCALE
+LEAST_EXPONENT = LEAST_SIZE * TO_EXPONENT
 """Arrays of no dimension: beside an array NumPy takes them in two thirds of the time of a Python number."""
 
 
@@ -83,7 +84,8 @@ def _weigh(p: Floats, prior: Floats, trust: Trust) -> _Weighed:
     fixed = _fixed(p.shape[-2], prior.tobytes(), p.ndim)
     logs = np.log(p * fixed.scale + fixed.offset)
     bits = np.maximum(_times(p * logs[0], fixed.to_bits), ZERO)
-    w = fixed.believed / (fixed.doubted + _product(fixed.believed, _correlations(p, logs[2], fixed)))
+    # Each is correlated with itself, unless it is at the prior.
+    w = fixed.believed / np.maximum(_product(fixed.believed, _correlations(p, logs[2], fixed)), ONE)
     if trust is not None:
         w *= trust[..., None, :]
     x = _product(w, logs[1])
@@ -99,10 +101,9 @@ def _correlations(p: Floats, logs: Floats, fixed: "_Fixed") -> Floats:
     """(..., N, N) rho: 1 for equal posteriors, near 0 for independent ones. logs: of p/prior, with LOG_FLOOR."""
     sizes = np.abs(logs) @ fixed.ones + LEAST_SIZE
     differences = logs[..., :, None, :] - logs[..., None, :, :]
-    # LEAST_SIZE: two observers at the prior are not correlated.
-    distances = np.abs(differences, out=differences) @ fixed.ones + LEAST_SIZE
-    rho: Floats = np.exp(distances / (sizes[..., :, None] + sizes[..., None, :]) * TO_EXPONENT)
-    np.maximum(rho, fixed.own, out=rho)
+    # The least one: two observers at the prior are not correlated.
+    exponents = np.abs(differences, out=differences) @ fixed.to_exponent + LEAST_EXPONENT
+    rho: Floats = np.exp(exponents / (sizes[..., :, None] + sizes[..., None, :]))
     for scene, own in ((p, rho),) if p.ndim == 2 else zip(p, rho, strict=True):
         _discount_certainty(scene, own)
     return rho
@@ -174,17 +175,16 @@ class _Fixed:
     """Arrays that depend on the prior and on the number of observers alone.
 
     scale, offset (3, ..., N, M), with one scene: p times scale plus offset is p/prior, kept above 0; (1-eps) p/prior +
-    eps; and the same with LOG_FLOOR. to_bits, ones (M,): products with them are sums, the first from natural logs to
-    bits. believed (H, N), doubted: 1 for an observer that the hypothesis believes, or does not. own (N, N): identity.
+    eps; and the same with LOG_FLOOR. to_bits, ones, to_exponent (M,): products with them are sums, the first from
+    natural logs to bits, the last times TO_EXPONENT. believed (H, N): 1 for an observer that the hypothesis believes.
     """
 
     scale: Floats
     offset: Floats
     to_bits: Floats
     ones: Floats
+    to_exponent: Floats
     believed: Floats
-    doubted: Floats
-    own: Floats
 
 
 @lru_cache(maxsize=64)
@@ -199,8 +199,8 @@ def _fixed(size: int, prior_bytes: bytes, dimensions: int) -> _Fixed:
     axes, full = (3, *[1] * dimensions), (3, *[1] * (dimensions - 2), size, len(prior))
     scale = np.broadcast_to(weights.reshape(axes) * (1.0 / prior), full).copy()
     offset = np.broadcast_to(offsets.reshape(axes), full).copy()
-    to_bits, ones = np.full(len(prior), NATS_TO_BITS), np.ones(len(prior))
-    return _Fixed(scale, offset, to_bits, ones, believed, 1.0 - believed, np.eye(size))
+    to_bits, ones, to_exponent = (np.full(len(prior), each) for each in (NATS_TO_BITS, 1.0, TO_EXPONENT))
+    return _Fixed(scale, offset, to_bits, ones, to_exponent, believed)
 
 
 @cache

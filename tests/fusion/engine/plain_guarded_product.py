@@ -31,8 +31,8 @@ def plain_weights(p, prior, trust=None):
     participation = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
     believed = believed_by(p.shape[-2])
     # Row j, column i: the correlation by which observer i loses weight to observer j.
-    rho = similarity(ratio) * uncertainty(p)
-    w = believed * trust[..., None, :] / (1.0 + believed @ rho)
+    rho = np.where(np.eye(p.shape[-2], dtype=bool), similarity(ratio), similarity(ratio) * uncertainty(p))
+    w = believed * trust[..., None, :] / np.maximum(believed @ rho, 1.0)
     hypotheses = _hypotheses(w, ratio, prior, participation * odds_of_fault(trust), participation.sum(axis=-1))
     exponents = w * np.maximum(_effective_number(w, divergence_bits), 1.0)[..., None] ** (GAMMA - 1.0)
     mean_exponents = (hypotheses[..., None, :] @ exponents)[..., 0, :]
@@ -48,12 +48,12 @@ def uncertainty(p):
 
 
 def similarity(ratio):
-    """(..., N, N): 1 for equal posteriors, near 0 for independent ones; diagonal 0."""
+    """(..., N, N): 1 for equal posteriors, near 0 for independent ones, and for two at the prior."""
     logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
     sizes = np.abs(logs).sum(axis=-1) + LEAST_SIZE
     both = sizes[..., :, None] + sizes[..., None, :]
     distance = (np.abs(logs[..., :, None, :] - logs[..., None, :, :]).sum(axis=-1) + LEAST_SIZE) / (both / 2)
-    return np.exp(-distance / SIMILARITY_SCALE) * (1.0 - np.eye(ratio.shape[-2]))
+    return np.exp(-distance / SIMILARITY_SCALE)
 
 
 def _effective_number(w, divergence_bits):
