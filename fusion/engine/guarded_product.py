@@ -33,9 +33,9 @@ PARTICIPATION_BITS = 0.05
 """D0: an observer participates fully from this divergence from the prior, below it in proportion."""
 SIMILARITY_SCALE = 0.05
 """Log distance at which rho of two posteriors falls to 1/e."""
-UNCERTAIN_MASS = 0.03
+CERTAIN_MASS = 0.03
 """Two observers are certain if their mean posterior leaves less than this to all labels but one."""
-SURE = 1.0 - 2.0 * UNCERTAIN_MASS
+BOTH_SURE = 1.0 - 2.0 * CERTAIN_MASS
 """Of two that are certain of one label together, each is surer of it than this."""
 LOG_FLOOR = 0.01
 """Share of the prior that is mixed into posteriors before their logs are compared, so that zeros stay finite."""
@@ -114,11 +114,11 @@ def _discount_certainty(p: Floats, rho: Floats) -> None:
     labels = p.argmax(1).tolist()
     if len(set(labels)) == len(labels):
         return
-    sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > SURE]
+    sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > BOTH_SURE]
     for count, (n, label, top) in enumerate(sure):
         for other, other_label, other_top in sure[:count]:
             if label == other_label:
-                rho[n, other] *= min((2.0 - top - other_top) / (2.0 * UNCERTAIN_MASS), 1.0)
+                rho[n, other] *= min((2.0 - top - other_top) / (2.0 * CERTAIN_MASS), 1.0)
                 rho[other, n] = rho[n, other]
 
 

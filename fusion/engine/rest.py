@@ -21,7 +21,7 @@ from fusion.engine.trust import (
     BLUR,
     CONTRADICTS,
     HONEST,
-    LEAST,
+    LEAST_TRUST,
     OBSERVATION_S,
     TRUSTED,
     among_contradicted,
@@ -32,7 +32,7 @@ from fusion.engine.trust import (
 
 LEAST_SHARE = 0.1
 """An observer with a smaller weight than this share of the largest is left out."""
-CLEAR = 0.25
+CLEAR_MARGIN = 0.25
 """Two that contradict each other have agreed again when the pooled rest is no further from 0 or 1."""
 SIGHTED = 0.2
 """The least freshness of an observer that is compared: without a frame for a second it is not."""
@@ -145,12 +145,12 @@ class RestPool:
             labels = [among_contradicted(posterior.reliability) for posterior in posteriors]
             trust = [own * label for own, label in zip(trust, labels, strict=True)]
         rest = pooled_rest(posteriors, trust)
-        if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR:
+        if not self.contested or abs(rest - 0.5) >= 0.5 - CLEAR_MARGIN:
             self._last = rest
         return self._last
 
     def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
-        """The trust in each posterior of this step, LEAST to 1."""
+        """The trust in each posterior of this step, LEAST_TRUST to 1."""
         sides = [posterior.rest >= 0.5 if _is_sighted(posterior) else None for posterior in posteriors]
         elapsed_ns = now_ns - self._now_ns
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
@@ -181,7 +181,7 @@ class RestPool:
         largest = max(believed)
         for voter, honest in zip(sighted, believed, strict=True):
             is_full = honest >= TRUSTED * min(largest, HONEST)
-            voter.trust = 1.0 if is_full else max(round(honest / largest, 3), LEAST)
+            voter.trust = 1.0 if is_full else max(round(honest / largest, 3), LEAST_TRUST)
         if len(sighted) == 2:
             both = sighted[0].honest * sighted[1].honest
             self.contested = both < 0.5 and min(voter.trust for voter in sighted) >= CONTRADICTED

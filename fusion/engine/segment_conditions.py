@@ -11,7 +11,7 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import PAUSE_S
 from common.vocabulary import Vocabulary
-from fusion.engine.rest import CLEAR
+from fusion.engine.rest import CLEAR_MARGIN
 from fusion.engine.segments import (
     ANY,
     NOTICED_NS,
@@ -40,7 +40,7 @@ FADING = 2
 HIDING_NS, ENDING_NS = MOVEMENT_S * SECOND_NS, 5.0 * SECOND_NS
 """An outage that is longer than the first can hide a whole movement and a rest; after one longer than the second the
 same label is another movement (rule 9)."""
-CLEAR_REST = 1.0 - CLEAR
+CLEAR_REST = 1.0 - CLEAR_MARGIN
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
 NOTHING, NO_LABEL = MovementProgress(0), HeldLabel("", 0, 0, None)
 UNDECIDED = MovementDecision("", 0, 0)

@@ -57,7 +57,10 @@ def test_a_running_scene_is_healthy_a_killed_observer_comes_back_and_sigterm_end
 
 def test_a_lesson_that_is_killed_ends_the_scene_that_it_started(stage, scene):
     read, path = scene
-    with Link.open(read.mesh, "hub") as hub, started(stage, labanmesh("teach", path, "wave", "clap", "--up")) as teacher:
+    with (
+        Link.open(read.mesh, "hub") as hub,
+        started(stage, labanmesh("teach", path, "wave", "clap", "--up")) as teacher,
+    ):
         alive = hub.presence(f"{read.keys.root}/**/alive")
         assert alive.wait_for(len(VIEWS) + 1, SOON_S)
         teacher.kill()

@@ -5,6 +5,7 @@ import numpy as np
 from common.probability import SMALLEST
 from fusion.engine.guarded_product import (
     BETA,
+    CERTAIN_MASS,
     EPSILON,
     GAMMA,
     LEAST_SIZE,
@@ -14,7 +15,6 @@ from fusion.engine.guarded_product import (
     ODDS_OF_THREE,
     PARTICIPATION_BITS,
     SIMILARITY_SCALE,
-    UNCERTAIN_MASS,
     believed_by,
 )
 from fusion.engine.trust import odds_of_fault
@@ -44,7 +44,7 @@ def plain_weights(p, prior, trust=None):
 def uncertainty(p):
     """(..., N, N), 0 to 1: 0 for two that are certain of the same label, 1 for others."""
     top = (p[..., :, None, :] + p[..., None, :, :]).max(axis=-1)
-    return np.minimum((1.0 - top / 2) / UNCERTAIN_MASS, 1.0)
+    return np.minimum((1.0 - top / 2) / CERTAIN_MASS, 1.0)
 
 
 def similarity(ratio):

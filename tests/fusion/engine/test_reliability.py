@@ -16,7 +16,7 @@ from fusion.engine.trust import (
     BLUR,
     FAULT,
     HONEST,
-    LEAST,
+    LEAST_TRUST,
     MEMORY,
     Reliability,
     after_message,
@@ -133,7 +133,7 @@ def test_after_any_verdicts_trust_is_in_range(verdicts):
     for n, (label, posteriors) in enumerate(verdicts):
         reliability = learn_from_verdict(reliability, verdict(posteriors, label, n), VOCABULARY)
         for name in "abcd":
-            assert LEAST <= trust(reliability, name) <= 1
+            assert LEAST_TRUST <= trust(reliability, name) <= 1
 
 
 # The course over time
@@ -170,7 +170,9 @@ def test_an_observer_that_jumps_about_is_not_steady_and_one_that_follows_its_evi
 
 def test_what_most_observers_do_is_no_fault():
     assert published_trust(HONEST, 0.01, 0.02) == 1.0 and published_trust(HONEST, 0.01, HONEST) < 0.02
-    assert published_trust(HONEST, 0.5, HONEST) == round(0.5 / HONEST, 3) and published_trust(0.0, 0.0, 1.0) == LEAST
+    assert (
+        published_trust(HONEST, 0.5, HONEST) == round(0.5 / HONEST, 3) and published_trust(0.0, 0.0, 1.0) == LEAST_TRUST
+    )
 
 
 def test_overlap_by_the_formula():
@@ -193,7 +195,7 @@ def test_the_information_of_a_posterior(p, unlearned, information):
     st.lists(st.sampled_from([(1, 0, 0, 0), (0, 1, 0, 0), (0.25,) * 4, sure("kick")]), max_size=30), st.floats(-1, 1)
 )
 def test_trust_in_a_course_is_above_zero_and_at_most_one(posteriors, seconds):
-    assert LEAST <= trust_in_course(posteriors, seconds) <= 1
+    assert LEAST_TRUST <= trust_in_course(posteriors, seconds) <= 1
 
 
 # The filter
