@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from common.link import Link
     from observer.effort.reader import FacetReader
     from observer.model.base import Header, MovementModel
+    from observer.preview.film import FilmPreview
     from observer.runtime.people_observer import AnyObserver
     from observer.runtime.scene_inputs import ObserverInputs
     from observer.runtime.service import HealthReporter, ObserverLike
@@ -32,9 +33,7 @@ def observe(
     observer: Annotated[str, typer.Argument(help="The id of this observer in the scene file.")],
     preview: Annotated[
         str,
-        typer.Option(
-            help="Show what the observer sees: a film to write (.mp4, .avi), a folder or NAME.png, or window."
-        ),
+        typer.Option(help="Film what the observer sees: the file to write (.mp4, .avi)."),
     ] = "",
 ) -> None:
     """Run one observer: it watches the person from its view and publishes posteriors until its source ends.
@@ -59,13 +58,13 @@ def observe(
         begun = None if model is None else build(model)
         taught = stack.enter_context(teachable(config, observer, inputs, begun, build))
         paced = _paced(config, observer, taught, inputs)
-        shown = stack.enter_context(_with_preview(preview or _preview_in(config, observer), observer, paced, inputs))
+        film = _preview(config, observer, preview, inputs, stack)
         opened = Link.open(config.mesh, "observer", process_id=observer, scene=config.scene, stop=stop)
         link = stack.enter_context(opened)
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
         answer_teachers(link, config, observer, taught)
-        shown = stack.enter_context(_with_pictures(config, observer, shown, inputs, link))
+        shown = stack.enter_context(_with_pictures(config, observer, paced, inputs, link, film))
         gc.freeze()  # a collection that looks through all loaded modules takes 25 ms
         serve(config, observer, shown, inputs.source, link, stop, health=health)
 
@@ -134,10 +133,18 @@ def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "
     return PacedObserver(observer, inputs.tracker, pace, scene.fusion, LoadMeter("pictures", LIGHTEN))
 
 
-def _preview_in(scene: "Scene", observer: str) -> str:
-    """The preview that the scene file names: "" for none, `window`, or a path in the scene's folder."""
-    preview = scene.observer(observer).preview
-    return preview if preview in ("", "window") else str(scene.place(preview))
+def _preview(
+    scene: "Scene", observer: str, target: str, inputs: "ObserverInputs", stack: ExitStack
+) -> "FilmPreview | None":
+    """The film that was asked for on the command line or, in the scene's folder, by the scene file; None without."""
+    named = scene.observer(observer).preview
+    target = target or (str(scene.place(named)) if named else "")
+    if not target:
+        return None
+    from observer.preview.film import FilmPreview
+
+    film = FilmPreview.open(target, inputs.source.rate_hz, observer, keep_all=inputs.keeps_all)
+    return stack.enter_context(film)
 
 
 def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "ObserverInputs") -> "FacetReader":
@@ -153,33 +160,20 @@ def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "Obse
 
 
 @contextmanager
-def _with_preview(
-    target: str, observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs"
-) -> Iterator["ObserverLike"]:
-    """The observer itself or, if there is a target, the observer with its steps shown there."""
-    if not target:
-        yield observer
-        return
-    from observer.preview.screen import PreviewingObserver, open_preview
-    from observer.preview.sight import PreviewHistory
-
-    rate_hz = inputs.source.rate_hz
-    with open_preview(target, rate_hz, keep_all=inputs.keeps_all) as preview:
-        yield PreviewingObserver(
-            observer, inputs.tracker, preview, PreviewHistory(inputs.tracker.tracker.body_parts, rate_hz, observer_id)
-        )
-
-
-@contextmanager
 def _with_pictures(
-    scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs", link: "Link"
+    scene: "Scene",
+    observer_id: str,
+    observer: "ObserverLike",
+    inputs: "ObserverInputs",
+    link: "Link",
+    preview: "FilmPreview | None",
 ) -> Iterator["ObserverLike"]:
-    """The observer itself or, if its section asks for pictures or clips, the observer with these."""
+    """The observer itself or, if pictures, clips or a film of it are wanted, the observer with these."""
     section = scene.observer(observer_id)
-    if not (section.picture_hz or section.clips.folder or scene.watch.fallen):
+    if not (section.picture_hz or section.clips.folder or scene.watch.fallen or preview):
         yield observer
         return
     from observer.preview.shown_pictures import shown_pictures
 
-    with shown_pictures(scene, observer_id, observer, inputs.tracker, link) as pictured:
+    with shown_pictures(scene, observer_id, observer, inputs.tracker, link, preview) as pictured:
         yield pictured

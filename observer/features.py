@@ -5,7 +5,6 @@ keeps both, still relative to the performer's size (docs/design/model.md).
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from enum import IntEnum
 
@@ -77,25 +76,23 @@ class SpaceReader:
     """Reads Space from a stream of tracks: one Vector Symbol per body part and frame.
 
     body_parts: names of the P parts. threshold: shortest motion that counts as one, as a share of the performer's
-    size; it depends on the frame rate and is fitted on training subjects. over: the number of frames between the two
-    that are compared, 1 as in the paper; at a camera's rate neighbouring frames hardly differ.
+    size; it depends on the frame rate and is fitted on training subjects.
     """
 
-    def __init__(self, body_parts: Sequence[str], threshold: float, over: int = 1) -> None:
+    def __init__(self, body_parts: Sequence[str], threshold: float) -> None:
         self._body_parts = tuple(body_parts)
         self._threshold = threshold
         self._size = BodySize()
-        self._last: deque[Floats] = deque(maxlen=over)
+        self._last: Floats | None = None
 
     def update(self, tracks: Tracks) -> Symbols:
-        """(P,) symbols of the motion since `over` frames ago; NOT_SEEN for a part that was missing now or then.
+        """(P,) symbols of the motion since the frame before; NOT_SEEN for a part that was missing now or then.
 
-        All are NOT_SEEN in the first `over` frames, and until a hand was seen together with the head.
+        All are NOT_SEEN in the first frame, and until a hand was seen together with the head.
         """
         size = self._size.update(tracks.centres, self._body_parts)
-        known = len(self._last) == self._last.maxlen
-        displacements = tracks.centres - (self._last[0] if known else np.nan)
-        self._last.append(tracks.centres.copy())
+        displacements = tracks.centres - (np.nan if self._last is None else self._last)
+        self._last = tracks.centres.copy()
         return vector_symbols(displacements, size, self._threshold)
 
 

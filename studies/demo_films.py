@@ -17,9 +17,8 @@ from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
 from observer.motion.playback import RecordedMotion
-from observer.preview.film import Film
-from observer.preview.screen import PreviewingObserver, open_preview
-from observer.preview.sight import PreviewHistory
+from observer.preview.film import Film, FilmPreview
+from observer.preview.shown_pictures import PicturedObserver
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder
@@ -150,11 +149,10 @@ def _tracked_per_s(name: str, scene_file: Path, begin: StartBarrier) -> float:
 
 
 def film_tracks(scene_file: Path, name: str, file: Path, progress: Progress) -> None:
-    """A film of what an observer of films sees in its own: the tracks, Space, and its belief."""
+    """A film of what an observer of films sees in its own: the tracks, and its belief."""
     observer, inputs = _observing(scene_file, name)
-    history = PreviewHistory(inputs.tracker.tracker.body_parts, inputs.source.rate_hz, name)
-    with open_preview(str(file.absolute()), inputs.source.rate_hz, keep_all=True) as preview:
-        shown = PreviewingObserver(observer, inputs.tracker, preview, history)
+    with FilmPreview.open(str(file.absolute()), inputs.source.rate_hz, name, keep_all=True) as preview:
+        shown = PicturedObserver(observer, inputs.tracker, [preview])
         for n, frame in enumerate(inputs.source.frames(threading.Event()), 1):
             shown.step(frame)
             progress(f"drawing what {name} saw", n, getattr(inputs.source, "count", n))

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from common.tracker_choice import TrackerChoice
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
-    from observer.preview.small_picture import Sighting
+    from observer.preview.sight import Sighting
     from observer.tracking.tracker_kind import TrackerKind
     from observer.tracks import FrameSource, Tracker
 

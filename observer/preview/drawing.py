@@ -1,6 +1,5 @@
 """Layout, text and marks of a painted picture of 1280x720."""
 
-import math
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,13 +8,11 @@ from typing import Self
 import cv2
 import numpy as np
 
-from observer.preview.sight import Picture, PreviewFrame
+from observer.preview.sight import Picture, Sighting
 from observer.tracks import BODY_PARTS, Floats, SeenPeople, State
 
 SIZE = (1280, 720)
 """Width and height of every painted picture, px; a video needs a constant size."""
-STRIP = 116
-"""Height of the strip of Vector Symbols, px."""
 PANEL = (320, 560)
 """Least and greatest width of the panel beside the picture, px."""
 CANVAS = (640, 480)
@@ -38,16 +35,15 @@ class PixelBox:
 
 @dataclass(frozen=True, slots=True)
 class PaintingLayout:
-    """picture: the source's picture with its aspect ratio. panel: right of it. strip: below both."""
+    """picture: the source's picture with its aspect ratio. panel: right of it."""
 
     picture: PixelBox
     panel: PixelBox
-    strip: PixelBox
 
     @classmethod
     def of(cls, width_px: int, height_px: int) -> Self:
         """The layout for a source of that size, at least 1 px each way."""
-        room, height = SIZE[0] - PANEL[0], SIZE[1] - STRIP
+        room, height = SIZE[0] - PANEL[0], SIZE[1]
         scale = min(room / width_px, height / height_px)
         wide, high = (max(1, round(n * scale)) for n in (width_px, height_px))
         panel = min(max(SIZE[0] - wide, PANEL[0]), PANEL[1])
@@ -55,7 +51,6 @@ class PaintingLayout:
         return cls(
             PixelBox(left, (height - high) // 2, wide, high),
             PixelBox(SIZE[0] - panel, 0, panel, height),
-            PixelBox(0, height, SIZE[0], STRIP),
         )
 
 
@@ -173,9 +168,12 @@ FOLLOWED, OTHER = STATE_COLOUR[State.SEEN], (190, 190, 190)
 """Colours of the frames around the followed person and around others."""
 MAIN = (*BODY_PARTS, "left_foot", "right_foot")
 MOST_NAMED_PARTS = 6
-"""With more parts, only those of MAIN are named and have trails, states and Vector Symbols."""
-JOINT = 6
-"""Radius of the marks of the other parts, px."""
+"""With more parts, only those of MAIN are named and have states."""
+JOINT_PX, DOT_PX = 6, 5
+"""Radius of the marks of the other parts, and of all parts in a small picture."""
+LETTERS = {"left_hand": "L", "right_hand": "R"}
+"""Beside the marks of the hands in a small picture: the person's own left and right."""
+WHITE: Colour = (255, 255, 255)
 
 
 def main_rows(body_parts: Sequence[str]) -> list[int]:
@@ -184,29 +182,35 @@ def main_rows(body_parts: Sequence[str]) -> list[int]:
     return rows if len(body_parts) > MOST_NAMED_PARTS and rows else list(range(len(body_parts)))
 
 
-def draw_marks(canvas: Picture, placement: Placement, shown: PreviewFrame) -> None:
-    """Draw frames around people, the trails, and a mark with its name for each part that is seen or guessed."""
-    if shown.tracks.people is not None:
-        draw_people(canvas, placement, shown.tracks.people)
-    main = main_rows(shown.body_parts)
-    _draw_trails(canvas, placement.px(shown.trail[:, main]))
-    centres, states = placement.px(shown.tracks.centres), shown.tracks.states
-    guesses = None if shown.tracks.guesses is None else placement.px(shown.tracks.guesses)
-    draw_bones(canvas, centres, shown.body_parts, states, 3)
-    for row, (part, state) in enumerate(zip(shown.body_parts, states, strict=True)):
-        position = centres[row] if state is State.SEEN or guesses is None else guesses[row]
-        at = _pixel(canvas, position)
-        if at is not None and row in main:
+def draw_person(canvas: Picture, placement: Placement, sighting: Sighting, *, named: bool) -> None:
+    """Draw the skeleton, a mark for each part that is seen or guessed, and frames around several people.
+
+    named: with the names of the parts; otherwise with small marks, and letters beside the hands.
+    """
+    tracks, parts = sighting.tracks, sighting.body_parts
+    if tracks.people is not None and tracks.people.others:
+        _draw_people(canvas, placement, tracks.people)
+    main, states = main_rows(parts), tracks.states
+    centres = placement.px(tracks.centres)
+    guesses = centres if tracks.guesses is None else placement.px(tracks.guesses)
+    _draw_bones(canvas, centres, parts, states, 3 if named else 2)
+    for row, (part, state) in enumerate(zip(parts, states, strict=True)):
+        at = _pixel(canvas, centres[row] if state is State.SEEN else guesses[row])
+        if at is None:
+            continue
+        if not named:
+            draw_mark(canvas, at, state, DOT_PX)
+            write(canvas, LETTERS.get(part, ""), (at[0] + DOT_PX + 3, at[1] + 4), WHITE, SMALL, outlined=True)
+        elif row in main:
             draw_mark(canvas, at, state)
             _name(canvas, at, part)
-        elif at is not None:
-            draw_mark(canvas, at, state, JOINT)
+        else:
+            draw_mark(canvas, at, state, JOINT_PX)
 
 
-def draw_bones(
+def _draw_bones(
     canvas: Picture, centres: Floats, body_parts: Sequence[str], states: Sequence[State], width: int
 ) -> None:
-    """Draw the skeleton, `width` px wide, between parts that are both seen; centres: (P, 2) px of the canvas."""
     rows = {part: row for row, part in enumerate(body_parts)}
     for ends in BONES:
         if all(end in rows and states[rows[end]] is State.SEEN for end in ends):
@@ -236,7 +240,7 @@ def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = 
                 cv2.line(canvas, *ends, inked, width, cv2.LINE_AA)
 
 
-def draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> None:
+def _draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> None:
     """Draw a thick frame around the followed person, named, and a thin one around each of the others."""
     for outline in (*people.others, *([] if people.followed is None else [people.followed])):
         corners = placement.px(np.array([[outline.left, outline.top], [outline.right, outline.bottom]]))
@@ -244,21 +248,9 @@ def draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> No
         followed = outline is people.followed
         for inked, width in ((BLACK, 5), (FOLLOWED, 2)) if followed else ((BLACK, 3), (OTHER, 1)):
             cv2.rectangle(canvas, begin, end, inked, width)
-        if followed and people.others:
+        if followed:
             at = (max(begin[0] + 6, 6), max(begin[1] + 20, 20))
             write(canvas, "followed", at, FOLLOWED, SMALL, outlined=True)
-
-
-def _draw_trails(canvas: Picture, trail: Floats) -> None:
-    """Draw the trails, thinner where they are older to show the direction."""
-    # The whole black edge first, otherwise each piece would cover its predecessor.
-    for inked, edge in ((BLACK, 2), (STATE_COLOUR[State.SEEN], 0)):
-        for row in range(trail.shape[1]):
-            for i in range(1, len(trail)):
-                begin, end = _pixel(canvas, trail[i - 1, row]), _pixel(canvas, trail[i, row])
-                if begin is not None and end is not None:
-                    width = 1 + math.floor(3 * i / len(trail)) + edge
-                    cv2.line(canvas, begin, end, inked, width, cv2.LINE_AA)
 
 
 def _name(canvas: Picture, at: tuple[int, int], part: str) -> None:
@@ -269,7 +261,7 @@ def _name(canvas: Picture, at: tuple[int, int], part: str) -> None:
     base = at[1] - gap if part == "head" else at[1] + 4
     height, width = canvas.shape[:2]
     start = (max(min(left, width - wide - 3), 3), min(max(base, 12), height - 4))
-    write(canvas, text, start, (255, 255, 255), SMALL, outlined=True)
+    write(canvas, text, start, WHITE, SMALL, outlined=True)
 
 
 def _pixel(canvas: Picture, position: Floats) -> tuple[int, int] | None:

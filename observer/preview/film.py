@@ -1,10 +1,13 @@
-"""Outputs of painted pictures: a film, single pictures or a window."""
+"""A film of what an observer sees while it works: a thread paints it and never slows the observer."""
 
 import logging
-import os
-import sys
-from collections.abc import Mapping
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Self
 
 import cv2
 
@@ -12,37 +15,33 @@ from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.text import plural
 from observer.camera.capture import silence_opencv
-from observer.camera.files import write_picture
-from observer.files import make_private
 from observer.preview.drawing import SIZE
-from observer.preview.sight import Picture
+from observer.preview.painting import paint
+from observer.preview.sight import Picture, Sighting
 
 log = logging.getLogger("labanmesh.observer")
 
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
-STILLS = (".png", ".jpg", ".jpeg")
-CHOOSE = "Choose another path"
 LONGEST_PAUSE_S = 2.0
 """Longest pause in a film; a longer silence of the camera is cut to it."""
+QUEUE_SIZE = 8
+"""Pictures that may wait for painting when all are kept; then the observer waits."""
+THREAD_CHECK_S = 0.2
+"""Interval at which a waiting observer checks that the painting thread still works."""
 
 
 class Film:
     """A video file, written under a temporary name until it is closed, so that it is complete or absent.
 
     rate_hz: frame rate of the film. keep_all: one film frame per picture; otherwise the film keeps real time and
-    repeats or drops pictures. size_px: of the pictures, width and height. unnamed: nobody has named the file, so that
-    only this user may read it. Raises BadInput when it cannot be written.
+    repeats or drops pictures. size_px: of the pictures, width and height. Raises BadInput when it cannot be written.
     """
 
-    def __init__(
-        self, path: Path, rate_hz: float, keep_all: bool, *, size_px: tuple[int, int] = SIZE, unnamed: bool = False
-    ) -> None:
+    def __init__(self, path: Path, rate_hz: float, keep_all: bool, *, size_px: tuple[int, int] = SIZE) -> None:
         self._path, self._rate_hz, self._keep_all = path, rate_hz, keep_all
         self._partial = path.with_name(f"{path.stem}.part{path.suffix}")
         silence_opencv()
         _check_writable(self._partial, path)
-        if unnamed:
-            make_private(self._partial)
         codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])
         self._writer = cv2.VideoWriter(str(self._partial.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, size_px)
         if not self._writer.isOpened():
@@ -77,89 +76,82 @@ class Film:
         log.info("%s: %s", self._path, plural(self._written, "picture"))
 
 
-class Stills:
-    """Single pictures. path: a folder (000000.png, ...), a name with %d or %06d, or a plain name for only the newest.
-
-    Raises BadInput when they cannot be written.
-    """
-
-    def __init__(self, path: Path) -> None:
-        try:
-            if path.suffix.lower() not in STILLS:
-                path.mkdir(parents=True, exist_ok=True)
-                path = path / "%06d.png"
-            self._numbered = "%" in path.name
-            if self._numbered:
-                str(path.name) % 0
-        except OSError as error:
-            raise BadInput(f"cannot write {path}: {error.strerror}. {CHOOSE}") from None
-        except (TypeError, ValueError):
-            raise BadInput(f"{path.name}: one number is expected in the name, e.g. frame-%06d.png") from None
-        self._path, self._count = path, 0
-        partial = path.with_name(f".{os.getpid()}.part{path.suffix}")
-        _check_writable(partial, path)
-        partial.unlink()
-
-    def draw(self, picture: Picture, shown_ns: int) -> None:
-        """Write one file, atomically."""
-        path = self._path.with_name(self._path.name % self._count) if self._numbered else self._path
-        write_picture(path, picture, CHOOSE)
-        self._count += 1
-
-    def close(self) -> None:
-        """Log the number of files; each is complete already."""
-        log.info("%s: %s", self._path, plural(self._count, "picture"))
-
-
-class Window:
-    """A window on this machine's display; `why_no_window` tells whether one can be opened."""
-
-    def __init__(self, title: str) -> None:
-        self._title, self._open = title, False
-
-    def draw(self, picture: Picture, shown_ns: int) -> None:
-        """Show the picture; raises LabanmeshError when the window was closed or q was pressed."""
-        try:
-            if not self._open:
-                cv2.namedWindow(self._title, cv2.WINDOW_NORMAL)
-                cv2.resizeWindow(self._title, *SIZE)
-            elif cv2.getWindowProperty(self._title, cv2.WND_PROP_VISIBLE) < 1:
-                self._open = False
-                raise LabanmeshError("the preview window was closed; the observer continues")
-            self._open = True
-            cv2.imshow(self._title, picture)
-            if cv2.waitKey(1) & 0xFF == ord("q"):
-                raise LabanmeshError("the preview was ended with q; the observer continues")
-        except cv2.error as error:
-            raise LabanmeshError(f"the preview window failed: {error.err}") from None
-
-    def close(self) -> None:
-        """Close the window."""
-        if self._open:
-            cv2.destroyWindow(self._title)
-
-
-Outlet = Film | Stills | Window
-"""Receives painted pictures of `drawing.SIZE`; used by one thread at a time."""
-
-
-def why_no_window(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> str:
-    """Why OpenCV cannot open a window here; "" when it can."""
-    if "GUI:NONE" in "".join(cv2.getBuildInformation().split()):
-        return "this OpenCV was built without windows (opencv-python-headless)"
-    if platform == "darwin":
-        return "on macOS only the main thread can open windows"
-    if platform == "linux" and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
-        return "there is no display (DISPLAY and WAYLAND_DISPLAY are not set)"
-    return ""
-
-
 def _check_writable(partial: Path, path: Path) -> None:
     """Raise BadInput unless `partial` can be created and then renamed to `path`."""
     try:
         partial.open("wb").close()
     except OSError as error:
-        raise BadInput(f"cannot write {path}: {error.strerror}. {CHOOSE}") from None
+        raise BadInput(f"cannot write {path}: {error.strerror}. Choose another path") from None
     if path.is_dir():
         partial.unlink()
         raise BadInput(f"cannot write {path}: it is a folder. Name a file in it")
+
+
+class FilmPreview:
+    """Paints sightings in a thread, as a context manager. Errors are logged once and never stop the observer.
+
+    keep_all: paint every picture even if the observer must wait, for recordings played as fast as possible; otherwise a
+    newer picture replaces a waiting one. clock: a monotonic one, ns.
+    """
+
+    def __init__(
+        self, film: Film, title: str, keep_all: bool = False, clock: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self._film, self._title, self._keep_all, self._clock = film, title, keep_all, clock
+        self._queue: queue.Queue[tuple[int, float, Sighting] | None] = queue.Queue(QUEUE_SIZE if keep_all else 1)
+        self._thread = threading.Thread(target=self._work, name="preview", daemon=True)
+        self._thread.start()
+
+    @classmethod
+    def open(cls, target: str, rate_hz: float, title: str, *, keep_all: bool = False) -> Self:
+        """A film FILE.mp4 or FILE.avi; raises BadInput for another name and for a file that cannot be written."""
+        path = Path(target)
+        if path.suffix.lower() not in CODECS:
+            raise BadInput(f"--preview {target!r}: FILE.mp4 or FILE.avi is expected; live pictures: picture_hz")
+        return cls(Film(path, rate_hz, keep_all), title, keep_all)
+
+    def is_due(self, now_ns: int) -> bool:
+        """Always: the thread leaves out what it cannot paint."""
+        return True
+
+    def show(self, sighting: Sighting, now_ns: int) -> None:
+        """Queue a sighting, which may not be changed afterwards. Waits only when all pictures are kept."""
+        item = self._clock(), (now_ns - sighting.captured_ns) / SECOND_NS, sighting
+        if self._keep_all:
+            self._put(item)
+            return
+        with suppress(queue.Empty):
+            self._queue.get_nowait()
+        # There is room, since only this thread puts anything.
+        self._queue.put_nowait(item)
+
+    def close(self) -> None:
+        """Paint all waiting frames and complete the file. A second call does nothing."""
+        self._put(None)
+        self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _put(self, item: tuple[int, float, Sighting] | None) -> None:
+        while self._thread.is_alive():
+            try:
+                self._queue.put(item, timeout=THREAD_CHECK_S)
+            except queue.Full:
+                continue
+            return
+
+    def _work(self) -> None:
+        """The thread: paint until None comes or nothing more can be written."""
+        try:
+            try:
+                while (item := self._queue.get()) is not None:
+                    shown_ns, age_s, sighting = item
+                    self._film.draw(paint(sighting, f"{self._title}, {1000 * age_s:.0f} ms old"), shown_ns)
+            finally:
+                self._film.close()
+        except (LabanmeshError, OSError) as error:
+            log.warning("preview: %s", error)

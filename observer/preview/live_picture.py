@@ -4,7 +4,8 @@ from common import SECOND_NS
 from common.picture_message import MOST_PICTURE_BYTES, PICTURE_BYTES_PER_S, PICTURE_SIDE_PX, PictureMessage
 from common.subsession import Publisher
 from common.wire import encode
-from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
+from observer.preview.sight import Sighting
+from observer.preview.small_picture import encode_jpeg, small_picture
 
 
 class LivePicture:

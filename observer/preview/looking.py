@@ -15,10 +15,8 @@ from common.messages import ProcessState
 from common.text import plural
 from common.tracker_choice import TrackerChoice
 from observer.camera.live import LiveCamera
-from observer.preview.painting import paint
-from observer.preview.screen import back_projection
-from observer.preview.sight import Picture, PreviewFrame, PreviewHistory
-from observer.preview.small_picture import Sighting
+from observer.preview.painting import back_projection, paint
+from observer.preview.sight import Picture, Sighting
 from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
@@ -168,30 +166,29 @@ def look_at(
 
     Raises LabanmeshError when a live camera delivers no picture within CAMERA_RESERVE_S, and what the source raises.
     """
-    history, faces = PreviewHistory(tracker.body_parts, source.rate_hz, name), _FaceCount()
-    tracked: list[tuple[int, int, Tracks]] = []
-    frame: Frame | None = None
-    shown: PreviewFrame | None = None
+    faces, tracked, frame = _FaceCount(), list[tuple[int, int, Tracks]](), None
     for frame in _first_frames(source, frames):
-        shown = _track(history, tracker, frame)
+        tracked.append((frame.captured_ns, frame.at_ns, tracker.update(frame)))
         faces.search(frame.content)
-        tracked.append((frame.captured_ns, frame.at_ns, shown.tracks))
-    if frame is None or shown is None:
+    if frame is None:
         reason = last_report.reason or "the source delivered nothing"
         raise LabanmeshError(f"{name}: no picture within {CAMERA_RESERVE_S:g} s: {reason}")
     live = isinstance(source, LiveCamera)
     captured_ns, at_ns, tracks = zip(*tracked, strict=True)
     rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
-    report = _report(name, choice, frame.content, rate_hz, live, shown, at_ns, tracks, faces)
-    sighting = Sighting(frame.content, shown.tracks, shown.body_parts, frame.captured_ns)
-    return LookResult(report, paint(frame.content, shown), sighting)
+    complaint, skin = str(getattr(tracker, "complaint", "")), getattr(tracker, "skin", None)
+    sighting = Sighting(
+        frame.content, tracks[-1], tracker.body_parts, frame.captured_ns, complaint=complaint, skin=skin
+    )
+    report = _report(name, choice, frame.content, rate_hz, live, sighting, at_ns, tracks, faces)
+    return LookResult(report, paint(sighting, name), sighting)
 
 
 def _report(
     name: str, choice: TrackerChoice, picture: Picture, rate_hz: float, live: bool,
-    shown: PreviewFrame, at_ns: Sequence[int], tracks: Sequence[Tracks], faces: "_FaceCount",
+    shown: Sighting, at_ns: Sequence[int], tracks: Sequence[Tracks], faces: "_FaceCount",
 ) -> LookReport:  # fmt: skip
-    back, parts = shown.back_projection, shown.body_parts
+    back, parts = back_projection(shown), shown.body_parts
     centres = np.array([each.centres for each in tracks])
     seen_share = np.isfinite(centres).all(axis=2).mean(axis=0)
     return LookReport(
@@ -214,12 +211,6 @@ def _report(
         people=shown.tracks.people,
         doubts=doubts(centres, parts, at_ns, faces.boxes),
     )
-
-
-def _track(history: PreviewHistory, tracker: Tracker, frame: Frame) -> PreviewFrame:
-    tracks = tracker.update(frame)
-    back = back_projection(tracker, frame.content)
-    return history.add(tracks, back_projection=back, complaint=str(getattr(tracker, "complaint", "")))
 
 
 def _first_frames(source: FrameSource, frames: int) -> Iterator[Frame]:

@@ -11,11 +11,10 @@ from common.config import Scene
 from common.errors import LabanmeshError
 from observer.preview.clip_folder import ClipFolder
 from observer.preview.clips import VerdictClips
+from observer.preview.film import FilmPreview
 from observer.preview.live_picture import LivePicture
 from observer.preview.posture_outlet import PostureOutlet
-from observer.preview.screen import picture_in
-from observer.preview.sight import MotionExtent
-from observer.preview.small_picture import Sighting
+from observer.preview.sight import MotionExtent, ShownPosterior, Sighting
 from observer.runtime.pipeline import Posterior
 from observer.runtime.service import ObserverAround, ObserverLike
 from observer.tracks import Frame, Tracks
@@ -26,23 +25,26 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("labanmesh.observer")
 
-MOTION_MARGIN = 0.15
-"""Margin about recorded motion, as a share of its extent."""
 LONGEST_NS = SECOND_NS // 2
 """After this long a picture is shown although the observer has skipped it: an observer rests in an empty room."""
 
 
-PictureOutlet = LivePicture | VerdictClips | PostureOutlet
+PictureOutlet = LivePicture | VerdictClips | PostureOutlet | FilmPreview
 """Receives the pictures of an observer at its own rate. is_due: called after each frame, and fast."""
 
 
 @contextmanager
 def shown_pictures(
-    scene: Scene, observer_id: str, observer: ObserverLike, tracker: "PreparedTracker", link: "Link"
+    scene: Scene,
+    observer_id: str,
+    observer: ObserverLike,
+    tracker: "PreparedTracker",
+    link: "Link",
+    preview: FilmPreview | None = None,
 ) -> Iterator[ObserverLike]:
     """The observer, with the outlets that its section switches on; the observer itself if there are none."""
     section, keys = scene.observer(observer_id), scene.keys
-    outlets: list[PictureOutlet] = []
+    outlets: list[PictureOutlet] = [] if preview is None else [preview]
     closing = ExitStack()
     if section.picture_hz:
         publisher = link.publisher(keys.picture(observer_id), priority="low")
@@ -80,7 +82,7 @@ class PicturedObserver(ObserverAround):
     ) -> None:
         super().__init__(observer)
         self._tracker, self._outlets, self._clock = tracker, list(outlets), clock
-        self._extent = MotionExtent(MOTION_MARGIN)
+        self._extent = MotionExtent()
         self._before: Tracks | None = None
         self._shown_ns = 0
 
@@ -97,11 +99,25 @@ class PicturedObserver(ObserverAround):
         skipped, self._before = posterior is None and tracks is self._before, tracks
         if due and not (skipped and now_ns - self._shown_ns < LONGEST_NS):
             self._shown_ns = now_ns
-            parts = self._tracker.tracker.body_parts
-            sighting = Sighting(picture_in(frame.content), tracks, parts, frame.captured_ns, self._extent.corners)
+            sighting = self._sighting(frame, tracks, posterior)
             for outlet in due:
                 self._show(outlet, sighting, now_ns)
         return posterior
+
+    def _sighting(self, frame: Frame, tracks: Tracks, posterior: Posterior | None) -> Sighting:
+        vocabulary, tracker, known = self.vocabulary, self._tracker.tracker, None
+        if posterior is not None and vocabulary is not None:
+            known = ShownPosterior(vocabulary.labels, posterior.p, posterior.rest)
+        return Sighting(
+            frame.content if frame.content.ndim == 3 else None,
+            tracks,
+            tracker.body_parts,
+            frame.captured_ns,
+            self._extent.corners,
+            known,
+            self.complaint,
+            getattr(tracker, "skin", None),
+        )
 
     def _show(self, outlet: PictureOutlet, sighting: Sighting, now_ns: int) -> None:
         try:

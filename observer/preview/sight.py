@@ -1,27 +1,23 @@
-"""What an observer sees and computes at one frame, collected for display; pure."""
+"""What an observer sees and believes at one frame, for display; pure."""
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import entropy_bits
-from observer.features import SpaceReader, Symbols
 from observer.tracks import Floats, Tracks
+
+if TYPE_CHECKING:
+    from observer.tracking.skin import SkinHistogram
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) in the order blue, green, red, 0 to 255, or (H, W) grey."""
 
-SYMBOL_FRAMES = 40
-"""Number of frames whose Vector Symbols are shown."""
-TRAIL = 12
-"""Number of frames in the trail of each part."""
-PERSON_MARGIN = 0.5
+MOTION_MARGIN = 0.15
 """Margin about recorded motion, as a share of the person's extent."""
-OVER_S, STILL = 0.2, 0.12
-"""Arrows show the motion over this time; less than this share of the person's size counts as still: about 0.3 m/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,36 +46,32 @@ class ShownPosterior:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PreviewFrame:
-    """One frame to be painted; P body parts, T frames of history, newest last.
+class Sighting:
+    """One frame as an observer saw it. picture: None for motion without pictures, which `extent` places (2, 2).
 
-    tracks: in px of the picture, or in any unit without one. trail: (T, P, 2) centres, NaN where not seen. symbols:
-    (T, P) of `observer.features.VectorSymbol`. extent: (2, 2) corners of all motion so far, None before any was
-    seen; used only without a picture. back_projection: (H, W) uint8 of skin colour. frame: its number from 0. age_s:
-    seconds since capture. complaint: what is wrong, in words; "" when nothing is.
+    tracks: of `body_parts`, in px of the picture or in any unit without one. captured_ns: of the frame. posterior: None
+    if there is none. complaint: what is wrong, in words; "" when nothing is. skin: the colour of the person's skin, of
+    a tracker that knows it.
     """
 
+    picture: Picture | None
     tracks: Tracks
-    body_parts: tuple[str, ...]
-    trail: Floats
-    symbols: Symbols
+    body_parts: Sequence[str]
+    captured_ns: int
     extent: Floats | None = None
-    back_projection: Picture | None = None
     posterior: ShownPosterior | None = None
-    title: str = ""
-    frame: int = 0
-    age_s: float | None = None
     complaint: str = ""
+    skin: "SkinHistogram | None" = None
 
 
 class MotionExtent:
     """The extent of all motion so far; it never shrinks, so that the scale of the picture stays steady.
 
-    margin: about the motion, as a share of the person's extent. corners: (2, 2); None before any motion was seen.
+    corners: (2, 2); None before any motion was seen.
     """
 
-    def __init__(self, margin: float) -> None:
-        self._margin, self._person_size = margin, 0.0
+    def __init__(self) -> None:
+        self._person_size = 0.0
         self.corners: Floats | None = None
 
     def widen(self, centres: Floats) -> None:
@@ -88,51 +80,8 @@ class MotionExtent:
         if not len(seen):
             return
         self._person_size = max(self._person_size, float(np.linalg.norm(seen[:, None] - seen[None], axis=-1).max()))
-        margin = self._margin * self._person_size
+        margin = MOTION_MARGIN * self._person_size
         corners = np.array([seen.min(axis=0) - margin, seen.max(axis=0) + margin])
         if self.corners is not None:
             corners = np.array([np.minimum(corners[0], self.corners[0]), np.maximum(corners[1], self.corners[1])])
         self.corners = corners
-
-
-class PreviewHistory:
-    """Remembers the last frames, and makes a PreviewFrame of each new one.
-
-    rate_hz: of the frames. `add` raises BadInput, as `SpaceReader` does, for body parts without a head or a hand.
-    """
-
-    def __init__(self, body_parts: Sequence[str], rate_hz: float, title: str = "") -> None:
-        self._body_parts, self._title = tuple(body_parts), title
-        self._reader = SpaceReader(self._body_parts, STILL, max(1, round(OVER_S * rate_hz)))
-        self._symbols: deque[Symbols] = deque(maxlen=SYMBOL_FRAMES)
-        self._trail: deque[Floats] = deque(maxlen=TRAIL)
-        self._extent = MotionExtent(PERSON_MARGIN)
-        self._frames = 0
-
-    def add(
-        self,
-        tracks: Tracks,
-        *,
-        posterior: ShownPosterior | None = None,
-        back_projection: Picture | None = None,
-        age_s: float | None = None,
-        complaint: str = "",
-    ) -> PreviewFrame:
-        """Add the next frame; arguments as in `PreviewFrame`."""
-        self._symbols.append(self._reader.update(tracks))
-        self._trail.append(tracks.centres)
-        self._extent.widen(tracks.centres)
-        self._frames += 1
-        return PreviewFrame(
-            tracks,
-            self._body_parts,
-            np.array(self._trail),
-            np.array(self._symbols),
-            self._extent.corners,
-            back_projection,
-            posterior,
-            self._title,
-            self._frames - 1,
-            age_s,
-            complaint,
-        )

@@ -1,8 +1,5 @@
 """A small picture with marks and states drawn into it, as a JPEG of bounded size: for the live picture and clips."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -11,43 +8,24 @@ from observer.preview.drawing import (
     STATE_COLOUR,
     PixelBox,
     Placement,
-    draw_bones,
-    draw_mark,
-    draw_people,
+    draw_person,
     fitting,
     width_of,
     write,
 )
-from observer.preview.sight import Picture
-from observer.tracks import Floats, State, Tracks
+from observer.preview.sight import Picture, Sighting
+from observer.tracks import State
 
-LETTERS = {"left_hand": "L", "right_hand": "R"}
-"""Beside the marks of the hands: the person's own left and right."""
 QUALITIES = (75, 60, 45, 30, 20)
 """JPEG qualities, tried in this order until a picture is small enough."""
 SMALLER_SCALE = 0.7
 """Scale of a picture that is too large even at the lowest quality."""
-DOT_PX = 5
 LINE_PX = 15
 """Height of a line of text, px."""
 ALL_STATES = 4
 """With more parts than this, only those that are not seen are listed."""
 SHEET_GREY = 46
 """Grey level of the sheet for motion without a picture."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """One frame as an observer saw it. picture: None for motion without pictures, which `extent` places (2, 2).
-
-    tracks: of `body_parts`, in px of the picture or in any unit without one. captured_ns: of the frame.
-    """
-
-    picture: Picture | None
-    tracks: Tracks
-    body_parts: Sequence[str]
-    captured_ns: int
-    extent: Floats | None = None
 
 
 def small_picture(sighting: Sighting, side_px: int) -> Picture:
@@ -58,7 +36,7 @@ def small_picture(sighting: Sighting, side_px: int) -> Picture:
     else:
         canvas = _reduced(sighting.picture, side_px)
         placement = Placement.of_picture(sighting.picture.shape[1], PixelBox(0, 0, canvas.shape[1], canvas.shape[0]))
-    _draw_parts(canvas, placement, sighting)
+    draw_person(canvas, placement, sighting, named=False)
     _write_states(canvas, sighting)
     return canvas
 
@@ -81,22 +59,6 @@ def _reduced(picture: Picture, side_px: int) -> Picture:
     return np.asarray(small, dtype=np.uint8)
 
 
-def _draw_parts(canvas: Picture, placement: Placement, sighting: Sighting) -> None:
-    tracks, states = sighting.tracks, sighting.tracks.states
-    centres = placement.px(tracks.centres)
-    guesses = centres if tracks.guesses is None else placement.px(tracks.guesses)
-    draw_bones(canvas, centres, sighting.body_parts, states, 2)
-    if tracks.people is not None and tracks.people.others:
-        draw_people(canvas, placement, tracks.people)
-    for row, state in enumerate(states):
-        place = centres[row] if state is State.SEEN else guesses[row]
-        if np.isfinite(place).all():
-            at = _pixel(place)
-            draw_mark(canvas, at, state, DOT_PX)
-            letter = LETTERS.get(sighting.body_parts[row], "")
-            write(canvas, letter, (at[0] + DOT_PX + 3, at[1] + 4), (255, 255, 255), SMALL, outlined=True)
-
-
 def _write_states(canvas: Picture, sighting: Sighting) -> None:
     """The state of each part in the corner; of a whole body how many are seen, and the others by name."""
     pairs = list(zip(sighting.body_parts, sighting.tracks.states, strict=True))
@@ -112,9 +74,3 @@ def _write_states(canvas: Picture, sighting: Sighting) -> None:
             canvas, (0, (number - 1) * LINE_PX), (width_of(short, SMALL) + 8, number * LINE_PX), (0, 0, 0), -1
         )
         write(canvas, short, (4, number * LINE_PX - 4), STATE_COLOUR[state], SMALL)
-
-
-def _pixel(place: Floats) -> tuple[int, int]:
-    # A guess may be far outside; OpenCV clips what fits into 16 bits.
-    u, v = np.clip(place, -9999, 9999)
-    return round(float(u)), round(float(v))

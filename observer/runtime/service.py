@@ -105,7 +105,7 @@ SESSION_BYTES = 4
 
 
 class ObserverLike(Protocol):
-    """What `serve` needs of an observer: `Observer`, or `PreviewingObserver` around it."""
+    """What `serve` needs of an observer: `Observer`, or `PicturedObserver` around it."""
 
     @property
     def vocabulary(self) -> Vocabulary | None:

@@ -134,18 +134,6 @@ def test_not_seen_is_a_part_missing_in_either_frame(centres, missing):
     np.testing.assert_array_equal(read(centres) == VectorSymbol.NOT_SEEN, expected)
 
 
-@given(CENTRES, st.integers(1, 5))
-def test_motion_over_several_frames(centres, over):
-    apart = SpaceReader(BODY_PARTS, 0.1, over)
-    symbols = [apart.update(Tracks(c)) for c in centres]
-    assert all((s == VectorSymbol.NOT_SEEN).all() for s in symbols[:over])
-    size = BodySize()
-    for n, centre in enumerate(centres):
-        learned = size.update(centre, BODY_PARTS)
-        if n >= over:
-            assert np.array_equal(symbols[n], vector_symbols(centre - centres[n - over], learned, 0.1))
-
-
 def test_states_of_parts():
     gone = [np.nan, np.nan]
     tracks = Tracks(np.array([[1.0, 2.0], gone, gone]), np.array([gone, [3.0, 4.0], gone]))

@@ -1,6 +1,4 @@
-"""The painted picture: marks, bars, arrows and the inset."""
-
-from dataclasses import replace
+"""The painted picture: marks, bars and the inset."""
 
 import cv2
 import numpy as np
@@ -9,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from observer_stage import rejected
 
-from observer.features import VectorSymbol
 from observer.preview.drawing import (
     FOLLOWED,
     OTHER,
@@ -25,27 +22,23 @@ from observer.preview.drawing import (
     wrapped,
 )
 from observer.preview.painting import (
-    ARROW,
     BAR,
     REST_COLOUR,
-    STILL_DOT,
     WINNER,
     bar_ends,
     draw_posterior,
-    draw_symbol,
     paint,
 )
-from observer.preview.sight import PreviewHistory, ShownPosterior
+from observer.preview.sight import MotionExtent, ShownPosterior, Sighting
 from observer.tracks import BODY_PARTS, Outline, SeenPeople, State, Tracks
 
 STANDING = np.array([[420.0, 300.0], [180.0, 300.0], [320.0, 90.0]])
-LEFT_GOES_RIGHT = np.array([[40.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 NOWHERE = np.full((3, 2), np.nan)
 GREY = np.full((480, 640, 3), 90, np.uint8)
 
 
-def frame_of(centres=STANDING, guesses=None, **more):
-    return PreviewHistory(BODY_PARTS, 5.0, "door").add(Tracks(centres, guesses), **more)
+def painted(picture, centres=STANDING, guesses=None, people=None, title="door", **more):
+    return paint(Sighting(picture, Tracks(centres, guesses, people), BODY_PARTS, 0, **more), title)
 
 
 def pixels(picture, colour):
@@ -60,7 +53,7 @@ def around(canvas, position, box, half=RING_PX + 4):
 @pytest.mark.parametrize("size", [(480, 640), (420, 420), (720, 1280), (120, 160), (1080, 1920)])
 def test_a_seen_part_has_its_mark_at_its_centre(size):
     centres = STANDING / [640, 480] * [size[1], size[0]]
-    canvas = paint(np.full((*size, 3), 90, np.uint8), frame_of(centres))
+    canvas = painted(np.full((*size, 3), 90, np.uint8), centres)
     box = PaintingLayout.of(size[1], size[0]).picture
     for position in Placement.of_picture(size[1], box).px(centres):
         assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == STATE_COLOUR[State.SEEN]
@@ -70,7 +63,7 @@ def test_an_unsure_part_has_an_empty_ring_at_its_guess():
     centres, guesses = STANDING.copy(), NOWHERE.copy()
     centres[0], guesses[0] = np.nan, (500.0, 200.0)
     box = PaintingLayout.of(640, 480).picture
-    canvas = paint(GREY, frame_of(centres, guesses))
+    canvas = painted(GREY, centres, guesses)
     position = Placement.of_picture(640, box).px(guesses)[0]
     near = around(canvas, position, box)
     assert pixels(near, STATE_COLOUR[State.UNSURE]) > 20 and not pixels(near, STATE_COLOUR[State.SEEN])
@@ -80,8 +73,7 @@ def test_an_unsure_part_has_an_empty_ring_at_its_guess():
 def test_a_frame_shows_who_of_several_people_is_followed():
     one, other = Outline(100, 50, 200, 400), Outline(400, 60, 460, 300)
     box = PaintingLayout.of(640, 480).picture
-    shown = PreviewHistory(BODY_PARTS, 5.0).add(Tracks(NOWHERE, people=SeenPeople(one, (other,))))
-    area = box.cut(paint(GREY, shown))
+    area = box.cut(painted(GREY, NOWHERE, people=SeenPeople(one, (other,))))
     for outline, colour in ((one, FOLLOWED), (other, OTHER)):
         middle = np.array([[(outline.left + outline.right) / 2, outline.bottom]])
         u, v = (round(float(n)) for n in Placement.of_picture(640, box).px(middle)[0])
@@ -90,30 +82,22 @@ def test_a_frame_shows_who_of_several_people_is_followed():
 
 def test_a_missing_part_is_only_in_the_legend():
     layout = PaintingLayout.of(640, 480)
-    missing, seen = paint(GREY, frame_of(NOWHERE)), paint(GREY, frame_of())
+    missing, seen = painted(GREY, NOWHERE), painted(GREY)
     assert (layout.picture.cut(missing) == 90).all()
     for state, there, not_there in ((State.MISSING, missing, seen), (State.SEEN, seen, missing)):
         legend = layout.panel.cut(there)[60:150], layout.panel.cut(not_there)[60:150]
         assert [pixels(each, STATE_COLOUR[state]) > 20 for each in legend] == [True, False]
 
 
-def test_a_trail_has_gaps_where_the_part_was_not_seen():
-    box = PaintingLayout.of(640, 480).picture
-    middle = Placement.of_picture(640, box).px(np.array([360.0, 300.0]))
-    counts = []
-    for at_middle in (360.0, np.nan):
-        history = PreviewHistory(BODY_PARTS, 5.0)
-        for u in (300.0, 330.0, at_middle, 390.0, 420.0):
-            frame = history.add(Tracks(STANDING - [[420.0 - u, 0.0], [0, 0], [0, 0]]))
-        counts.append(pixels(around(paint(GREY, frame), middle, box, 4), STATE_COLOUR[State.SEEN]))
-    assert counts[0] > 3 and counts[1] == 0
-
-
 def test_the_inset_shows_the_back_projection():
-    back = np.zeros((60, 80), np.uint8)
-    back[:30] = 255
+    class Skin:
+        def back_project(self, picture):
+            back = np.zeros(picture.shape[:2], np.uint8)
+            back[: len(back) // 2] = 255
+            return back
+
     panel = PaintingLayout.of(640, 480).panel
-    without, shown = (panel.cut(paint(GREY, frame_of(back_projection=b))) for b in (None, back))
+    without, shown = (panel.cut(painted(GREY, skin=skin)) for skin in (None, Skin()))
     rows = np.flatnonzero((shown == 255).all(axis=2).sum(axis=1) > 200)
     assert len(rows) > 100 and not ((without == 255).all(axis=2).sum(axis=1) > 200).any()
     below = shown[rows.max() + 9 : rows.max() + len(rows) - 9, 40:200]
@@ -151,38 +135,12 @@ def test_only_a_unique_winner_is_highlighted():
     assert pixels(won, WINNER) > 1000 and not pixels(tied, WINNER)
 
 
-@pytest.mark.parametrize("symbol", [s for s in VectorSymbol if s > 0])
-def test_an_arrow_points_in_the_direction_of_motion(symbol):
-    canvas = np.zeros((61, 61, 3), np.uint8)
-    draw_symbol(canvas, (30, 30), symbol, 20)
-    v, u = np.nonzero(canvas[..., 0])
-    # The head of an arrow has more ink than its tail.
-    way = np.array([np.mean(u) - 30, np.mean(v) - 30])
-    turn = (symbol - VectorSymbol.U) * np.pi / 4
-    assert way @ [np.sin(turn), -np.cos(turn)] / np.linalg.norm(way) > 0.95
-
-
-def test_stillness_is_a_dot_and_an_unseen_part_a_gap():
-    still, gap = np.zeros((2, 21, 21, 3), np.uint8)
-    draw_symbol(still, (10, 10), VectorSymbol.O, 8)
-    draw_symbol(gap, (10, 10), VectorSymbol.NOT_SEEN, 8)
-    assert 5 < pixels(still, STILL_DOT) < 40 and not gap.any()
-
-
-def test_the_newest_motion_is_at_the_right_of_the_strip():
-    history = PreviewHistory(BODY_PARTS, 5.0)
-    history.add(Tracks(STANDING))
-    frame = history.add(Tracks(STANDING + LEFT_GOES_RIGHT))
-    strip = PaintingLayout.of(640, 480).strip.cut(paint(GREY, frame))
-    _, u = np.nonzero((strip == ARROW).all(axis=2))
-    assert len(u) and u.min() > SIZE[0] - 50
-
-
 def test_recorded_motion_keeps_its_proportions():
     metres = np.array([[0.3, -0.9], [-0.3, -0.9], [0.0, -1.6]])
-    box, frame = PaintingLayout.of(640, 480).picture, frame_of(metres)
-    canvas = paint(None, frame)
-    px = Placement.of_motion(frame.extent, box).px(metres)
+    box, extent = PaintingLayout.of(640, 480).picture, MotionExtent()
+    extent.widen(metres)
+    canvas = painted(None, metres, extent=extent.corners)
+    px = Placement.of_motion(extent.corners, box).px(metres)
     for position in px:
         assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == STATE_COLOUR[State.SEEN]
     assert (px[0, 0] - px[1, 0]) / (px[0, 1] - px[2, 1]) == pytest.approx(0.6 / 0.7)
@@ -192,7 +150,7 @@ def test_recorded_motion_keeps_its_proportions():
 @pytest.mark.parametrize("centres", [NOWHERE, STANDING, STANDING * 1e12, -STANDING])
 def test_the_painted_size_is_constant_and_the_input_unchanged(shape, centres):
     picture = np.zeros((*shape, 3), np.uint8)
-    canvas = paint(picture, frame_of(centres, back_projection=np.zeros(shape, np.uint8)))
+    canvas = painted(picture, centres)
     assert canvas.shape == (SIZE[1], SIZE[0], 3) and canvas.dtype == np.uint8
     assert not picture.any()
 
@@ -200,7 +158,7 @@ def test_the_painted_size_is_constant_and_the_input_unchanged(shape, centres):
 @pytest.mark.parametrize("picture", [np.zeros((4, 4), np.uint8), np.zeros((4, 4, 3)), np.zeros((0, 4, 3), np.uint8)])
 def test_a_wrong_shape_or_type_is_rejected(picture):
     with rejected("(H, W, 3) of uint8"):
-        paint(picture, frame_of())
+        painted(picture)
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 200])
@@ -209,8 +167,8 @@ def test_long_texts_and_vocabularies_fit(count, label):
     posterior = posterior_of(np.full(count, 1 / count), 1.0, (label,) * count)
     words = "nothing is seen: " * 40
     for picture in (None, GREY, np.zeros((90, 160, 3), np.uint8)):
-        frame = replace(frame_of(posterior=posterior, complaint=words, age_s=12.3), title="Gürtel \u4e2d\n" * 30)
-        assert paint(picture, frame).shape == (SIZE[1], SIZE[0], 3)
+        canvas = painted(picture, title="Gürtel \u4e2d\n" * 30, posterior=posterior, complaint=words)
+        assert canvas.shape == (SIZE[1], SIZE[0], 3)
 
 
 @given(st.text(max_size=60), st.integers(1, 300))

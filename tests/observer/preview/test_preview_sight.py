@@ -1,4 +1,4 @@
-"""The history of a preview, its extent, and the posterior shown."""
+"""The extent of recorded motion, the posterior shown, and where both are drawn."""
 
 import math
 
@@ -7,50 +7,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from observer_stage import rejected
 
-from observer.features import VectorSymbol
 from observer.preview.drawing import SIZE, PaintingLayout, Placement
-from observer.preview.sight import SYMBOL_FRAMES, TRAIL, PreviewHistory, ShownPosterior
-from observer.tracks import BODY_PARTS, Tracks
+from observer.preview.sight import MotionExtent, ShownPosterior
 
 STANDING = np.array([[200.0, 200.0], [100.0, 200.0], [150.0, 50.0]])
-LEFT_GOES_RIGHT = np.array([[30.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 shares = arrays(np.float64, st.integers(2, 40), elements=st.floats(0.0, 1.0))
 
 
-def frame_after(*centres):
-    history = PreviewHistory(BODY_PARTS, 5.0, "door")
-    return [history.add(Tracks(np.array(c, dtype=np.float64))) for c in centres][-1]
-
-
-def test_symbols_trail_and_frame_number():
-    frame = frame_after(STANDING, STANDING + LEFT_GOES_RIGHT)
-    assert frame.symbols[-1].tolist() == [VectorSymbol.R, VectorSymbol.O, VectorSymbol.O]
-    assert (frame.frame, frame.title, frame.body_parts) == (1, "door", BODY_PARTS)
-    np.testing.assert_array_equal(frame.trail, [STANDING, frame.tracks.centres])
-
-
-def test_the_history_is_bounded():
-    frame = frame_after(*[STANDING] * 60)
-    assert len(frame.symbols) == SYMBOL_FRAMES and len(frame.trail) == TRAIL and frame.frame == 59
-
-
 def test_the_extent_grows_and_contains_all_motion():
-    history, before = PreviewHistory(BODY_PARTS, 5.0), None
+    extent, before = MotionExtent(), None
     for shift in (0.0, 40.0, -300.0, math.nan, 10.0):
-        frame = history.add(Tracks(STANDING + shift))
-        low, high = frame.extent
+        extent.widen(STANDING + shift)
+        low, high = extent.corners
         if math.isfinite(shift):
             assert (low <= STANDING + shift).all() and (STANDING + shift <= high).all()
         if before is not None:
             assert (low <= before[0]).all() and (high >= before[1]).all()
-        before = frame.extent
-
-
-def test_parts_without_a_head_are_rejected():
-    with rejected("head"):
-        PreviewHistory(("left_hand",), 5.0).add(Tracks(np.zeros((1, 2))))
+        before = extent.corners
 
 
 @given(shares, st.integers(1, 8))
@@ -69,10 +43,10 @@ def test_a_uniform_posterior_has_no_winner_and_full_entropy():
 
 
 @given(st.integers(1, 9000), st.integers(1, 9000))
-def test_picture_panel_and_strip_do_not_overlap(width, height):
+def test_picture_and_panel_do_not_overlap(width, height):
     layout = PaintingLayout.of(width, height)
     canvas = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    for box in (layout.picture, layout.panel, layout.strip):
+    for box in (layout.picture, layout.panel):
         assert min(box.x, box.y) >= 0 and min(box.width, box.height) >= 1
         cut = box.cut(canvas)
         assert cut.shape == (box.height, box.width, 3)
@@ -89,8 +63,8 @@ def test_positions_map_to_their_pixels():
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e4))
 def test_motion_in_any_unit_fits_the_canvas(shift, unit):
-    box = PaintingLayout.of(640, 480).picture
-    frame = frame_after((STANDING + shift) * unit)
-    px = Placement.of_motion(frame.extent, box).px(frame.tracks.centres)
+    box, extent, centres = PaintingLayout.of(640, 480).picture, MotionExtent(), (STANDING + shift) * unit
+    extent.widen(centres)
+    px = Placement.of_motion(extent.corners, box).px(centres)
     assert (px >= 0).all() and (px <= [box.width, box.height]).all()
     assert np.ptp(px[:, 1]) > box.height / 3
