@@ -17,7 +17,6 @@ from common.vocabulary import Vocabulary, agreed_times
 from observer.geometry.views import View
 from observer.learning.learn import learn_view
 from observer.model.base import MovementModel, Onset
-from observer.model.posterior_calibration import PosteriorCalibration, calibrated_posterior
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import TINY, Observer
@@ -240,7 +239,7 @@ def watch(observer: Observer, recording: Recording, raw: bool = False, ends: boo
             output = observer.end() or output
         outputs.append(output)
         if raw:
-            before.append(calibrated_posterior(observer.watch, PosteriorCalibration()))
+            before.append((output.p[:, None] * (1.0 if output.facing is None else output.facing), output.unlearned))
     rest = np.array([output.rest for output in outputs])
     visible = np.array([any(output.visible.values()) for output in outputs], dtype=np.float64)
     p = np.array([output.p for output in outputs])

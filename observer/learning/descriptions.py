@@ -14,12 +14,12 @@ if TYPE_CHECKING:
 
 
 def describe_evaluation(header: "Header") -> str:
-    """How well the model did on examples that it had not learned, and its calibration."""
+    """How well the model did on examples that it had not learned."""
     tried, right = int(header.provenance.get("tried", "0")), int(header.provenance.get("right", "0"))
     result = f"right {100 * right / tried:.0f} %" if tried else "its accuracy is unknown"
     strange = header.provenance.get("strange_named")
     named = "" if strange is None else f"; of movements that it does not know it names about {float(strange):.0%}"
-    return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}{named}"
+    return f"tried on {_left_out(tried)}: {result}{_weighed(header)}{named}"
 
 
 def describe_leaning(header: "Header") -> list[str]:
@@ -65,14 +65,14 @@ def describe_references(header: "Header") -> list[str]:
 
 
 def describe_addition(output: "Path", edited: "EditedModel") -> str:
-    """The movements that were added, how well they are recognised, and the calibration."""
+    """The movements that were added, and how well they are recognised."""
     header, labels = edited.model.header, ", ".join(edited.labels)
     examples = f"{plural(edited.examples, 'example')} of {plural(edited.people, 'person', 'people')}"
     lines = [f"{output}: {labels} added from {examples}; {describe_vocabulary(header)}"]
     if edited.promoted:
         lines.append(f"no longer something else: {', '.join(edited.promoted)}")
     share = f": right {100 * edited.right / edited.tried:.0f} %" if edited.tried else ""
-    lines.append(f"tried on {_left_out(edited.tried)} of {labels}{share}; {_calibration(header)}")
+    lines.append(f"tried on {_left_out(edited.tried)} of {labels}{share}{_weighed(header)}")
     return "\n".join(lines)
 
 
@@ -112,12 +112,6 @@ def describe_vocabulary(header: "Header") -> str:
     )
 
 
-def _calibration(header: "Header") -> str:
-    from observer.model.posterior_calibration import PosteriorCalibration, at_least_cautious
-
-    calibration = header.calibration
-    if calibration == PosteriorCalibration():
-        return "and weighed by that"
-    cautious = calibration == at_least_cautious(calibration)
-    reason = ", cautiously: other people may do it otherwise" if cautious else ""
-    return f"temperature {calibration.temperature:.1f}, doubt {calibration.doubt:.2g}{reason}"
+def _weighed(header: "Header") -> str:
+    """That the members of the model are weighed by the examples left out; "" for a kind without something else."""
+    return "" if header.background is None else ", and weighed by that"

@@ -1,7 +1,7 @@
 """Learns a view's model from 3-D recordings that are projected into the view (section II.B), or from its own tracks.
 
-A model of one camera's tracks is for this camera where it stands. Cross-validation by person calibrates the model's
-posteriors.
+A model of one camera's tracks is for this camera where it stands. Cross-validation by person weighs the members of a
+model.
 """
 
 import json
@@ -25,9 +25,8 @@ from observer.model.base import (
     learned_from,
     with_features,
 )
-from observer.model.cross_validation import CrossValidation, judged_as
+from observer.model.cross_validation import CrossValidation, HeldOutResult, judged_as
 from observer.model.parameters import facings_in
-from observer.model.posterior_calibration import HeldOutResult, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (
     MotionArchive,
@@ -62,7 +61,7 @@ def learn_view(
     """One view's model of the vocabulary's movements, from all recordings of the archive.
 
     With a parameter `facings` of K the performer is turned to K directions, evenly around. calibrate: cross-validate
-    by person, so that the model's posteriors can be calibrated. background: recordings of other movements, from which
+    by person, so that a model learns how sure it may be. background: recordings of other movements, from which
     the model also learns "something else"; without recordings, from blends only. A kind that learns from streams also
     gets the continuous and the unlabelled recordings of the archive and of the background, and `streams`, which have
     the archive's body parts: what people do outside the spans is "something else".
@@ -145,7 +144,7 @@ def _background_labels(
 
 
 MOST_EVALUATED = 240
-"""Examples that are evaluated; more hardly change the few numbers that are fitted."""
+"""Examples that are evaluated; more hardly change what is found."""
 MOST_WATCHED = 60
 """The same for a kind that evaluates a whole fold at once."""
 EVALUATED_AT = (0.6, 1.0)
@@ -158,39 +157,33 @@ def with_calibration(
     examples: Sequence[Example],
     streams: Sequence[Stream] = (),
 ) -> MovementModel:
-    """The same model with its calibration, estimated by leaving out one person at a time.
+    """The same model evaluated by leaving out one person at a time.
 
     A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and learns from
-    the results how sure it may be.
-
-    If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
-    nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
-    provenance count the evaluated examples.
+    the results how sure it may be. If only one person shows a movement, one recording of each movement is left out at a
+    time instead. `tried` and `right` in the provenance count the evaluated examples.
     """
     header, arrays, counts = model.header, model.arrays(), dict[str, str]()
     front = [e for e in examples if e.facing == 0]
-    by_person = folds_by_person(front)
-    folds = by_person or folds_by_recording(front)
+    folds = folds_by_person(front) or folds_by_recording(front)
     if isinstance(model, LearnsStreams):
         share = MOST_WATCHED / len(examples)
         watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
         folds = at_all_facings(examples, fewer_folds(front, folds))
         others = model.cross_validated(CrossValidation(examples, streams, folds, watched, EVALUATED_AT))
-        results, calibration = others.results, header.calibration
+        results = others.results
         arrays = {**arrays, **others.arrays} if others.arrays else arrays
         if others.strange_named is not None:
             counts["strange_named"] = f"{others.strange_named:.2f}"
     else:
-        # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
+        # The facing hardly changes the results, and a dozen facings take a dozen times as long.
         parameters = {name: 1.0 if name == "facings" else value for name, value in header.parameters.items()}
         of_one_facing = replace(header, parameters=parameters)
         results = [result for fold in folds for result in _evaluate_fold(kind, of_one_facing, front, fold)]
-        calibration = fit_calibration(results)
-        calibration = calibration if by_person else at_least_cautious(calibration)
     counts |= {"tried": str(len(results)), "right": str(right_count(results))}
     counts["held_out"] = json.dumps(judged_as(results, header.vocabulary))
     provenance = {**header.provenance, **counts}
-    return kind.from_arrays(replace(header, calibration=calibration, provenance=provenance), arrays)
+    return kind.from_arrays(replace(header, provenance=provenance), arrays)
 
 
 def right_count(results: Sequence[HeldOutResult]) -> int:

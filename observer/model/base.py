@@ -16,7 +16,6 @@ from common.text import nearest
 from common.vocabulary import Vocabulary
 from observer.geometry.placement import PersonPlacement
 from observer.model.parameters import Parameter, check_parameters
-from observer.model.posterior_calibration import PosteriorCalibration
 from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
@@ -40,9 +39,9 @@ class Header:
     """The vocabulary, view and rate that a model is for, and the origin of what it learned.
 
     view: name of the view; matrix: (3, 4) its projection. parameters: the model's own numbers; after learning all of
-    them, so that new defaults later change nothing. provenance: the origin of the examples, for people. calibration:
-    corrects the posteriors. background: movements outside the vocabulary, from which the model learned "something
-    else", as from blends (means of two movements); (): from blends only; None: it does not know "something else".
+    them, so that new defaults later change nothing. provenance: the origin of the examples, for people. background:
+    movements outside the vocabulary, from which the model learned "something else", as from blends (means of two
+    movements); (): from blends only; None: it does not know "something else".
     placement: where the person stands in a camera file's room, facing 0 for several facings; None: as in recordings.
     references: the takes that show how a movement should be done, by label.
     """
@@ -55,7 +54,6 @@ class Header:
     body_parts: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
-    calibration: PosteriorCalibration = field(default_factory=PosteriorCalibration)
     background: tuple[str, ...] | None = None
     placement: PersonPlacement | None = None
     references: Mapping[str, "ReferenceTakes"] = field(default_factory=dict)

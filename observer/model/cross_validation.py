@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from common.vocabulary import Vocabulary
 from observer.model.base import Arrays, Example, Header, Stream
-from observer.model.posterior_calibration import HeldOutResult
+from observer.tracks import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +25,17 @@ class CrossValidation:
     folds: Sequence[Sequence[int]]
     watched: Collection[int]
     shares: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOutResult:
+    """The result for an example by a model that had not learned from its person; posteriors: (T, M) at T times.
+
+    truth: index of the right answer.
+    """
+
+    truth: int
+    posteriors: Floats
 
 
 @dataclass(frozen=True, slots=True)

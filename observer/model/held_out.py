@@ -13,7 +13,7 @@ import numpy as np
 
 from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import hop_of, tracks_of, width_of
-from observer.model.posterior_calibration import HeldOutResult
+from observer.model.cross_validation import HeldOutResult
 from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
 from observer.model.training_memory import trace_in
 from observer.model.training_rows import (

@@ -1,15 +1,14 @@
 """Reads and writes model files: .npz without pickles, described in docs/design/model.md.
 
 `header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
-certainty, placement); arrays named `reference_...` are its reference takes, if it has some
+placement); arrays named `reference_...` are its reference takes, if it has some
 (observer/score/reference_arrays.py); all other arrays are the model's own.
 """
 
 import json
-import math
 from collections.abc import Collection
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from observer.geometry.placement import PersonPlacement, placement_of, unlike
 from observer.geometry.views import THIS_CAMERA, View, is_this_camera
 from observer.model.base import Header, MovementModel
 from observer.model.parameters import check_parameters
-from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS, find_model
 from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from observer.score.reference_arrays import references_as_arrays, references_from_arrays
@@ -171,7 +169,6 @@ def _as_json(header: Header) -> dict[str, Any]:
         "body_parts": list(header.body_parts),
         "parameters": dict(header.parameters),
         "provenance": dict(header.provenance),
-        "certainty": asdict(header.calibration),
         **background,
         **placement,
     }
@@ -189,7 +186,6 @@ def _header_from(document: dict[str, Any]) -> Header:
         body_parts=tuple(document["body_parts"]),
         parameters={name: float(value) for name, value in document["parameters"].items()},
         provenance={name: str(value) for name, value in document["provenance"].items()},
-        calibration=_calibration_from(document.get("certainty", {})),
         background=tuple(str(label) for label in document["background"]) if "background" in document else None,
         placement=_placement_from(document["placement"]) if "placement" in document else None,
     )
@@ -207,11 +203,3 @@ def _placement_from(document: dict[str, Any]) -> PersonPlacement | None:
     if len(numbers) != 4 or not np.isfinite(numbers).all():
         raise ValueError(f"placement is {document}, x, y, z and an angle are expected")
     return placement_of(numbers[:3], numbers[3])
-
-
-def _calibration_from(document: dict[str, Any]) -> PosteriorCalibration:
-    calibration = PosteriorCalibration(**{n: float(document[n]) for n in ("temperature", "doubt") if n in document})
-    # NaN fails every comparison.
-    if not (0 < calibration.temperature < math.inf and 0 <= calibration.doubt <= 1):
-        raise ValueError("certainty holds numbers outside their ranges")
-    return calibration

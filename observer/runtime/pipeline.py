@@ -14,7 +14,6 @@ from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
-from observer.model.posterior_calibration import calibrated_posterior
 from observer.runtime.resampler import Resampler
 from observer.score.performance import PerformanceScorer
 from observer.tracks import Floats, Frame, Tracker, Tracks
@@ -102,8 +101,7 @@ class Observer:
         self._tracker, self._resampler, self._facets = tracker, resampler, facets
         self._model, self._onset = model, onset or Onset()
         self.watch = model.watch(self._onset)
-        """The model's state, whose posterior is not calibrated."""
-        self._ended, self._calibration = False, model.header.calibration
+        self._ended = False
         self.vocabulary: Vocabulary = model.header.vocabulary
         self.body_parts, self.leans_on = model.header.body_parts, region_shares(model.header)
         self._frames, self._hurry = 0, Hurry(judged_s)
@@ -160,10 +158,11 @@ class Observer:
     def _posterior(self, tracks: Tracks, judged: bool = True) -> Posterior:
         visible = dict(zip(self._tracker.body_parts, tracks.visible.tolist(), strict=True))
         facets = {} if self._facets is None else self._facets.facets
-        joint, unlearned = calibrated_posterior(self.watch, self._calibration)
-        p: Floats = joint.sum(axis=1)
-        facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
         watch, frames = self.watch, self._frames
+        joint, p = watch.joint, watch.p
+        facing = None if joint is None else joint / np.maximum(p, TINY)[:, None]
+        # The sum over the facings may be above 1 by rounding.
+        unlearned = None if watch.unlearned is None else min(float(watch.unlearned.sum()), 1.0)
         counts = watch.repetitions, watch.repeated
         score = self._scorer.update(watch, p, self._captured_ns) if self._scorer and judged else None
         return Posterior(p, watch.rest, frames, visible, facets, facing, unlearned, *counts, judged, score)

@@ -12,7 +12,6 @@ from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import LearnsStreams, Onset
 from observer.model.model_file import read_model, require_match, write_model
-from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS, model_named
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import ProjectedTracker, frames_of, view_tracks
@@ -166,8 +165,6 @@ def test_a_stored_model_gives_the_same_posteriors(model, tmp_path):
     again = read_model(path)
     assert again.header.vocabulary == VOCABULARY and again.header.view == "door" and again.header.rate_hz == 15.0
     assert (again.header.matrix == model.header.matrix).all() and again.header.provenance == model.header.provenance
-    assert again.header.calibration == model.header.calibration
-    assert (model.header.calibration == PosteriorCalibration()) is isinstance(model, LearnsStreams)
     onset = Onset(True, 45)
     pairs = zip(watched(model, move("wave", 6), onset), watched(again, move("wave", 6), onset), strict=True)
     assert all(a.p == pytest.approx(b.p, abs=1e-6) and a.unlearned == b.unlearned for a, b in pairs)
@@ -249,8 +246,6 @@ DAMAGE = {
     "rate NaN": {"header_changes": lambda h: h.update(rate_hz=float("nan"))},
     "infinite matrix": {"header_changes": lambda h: h["matrix"][0].__setitem__(0, float("inf"))},
     "no vocabulary": {"header_changes": lambda h: h.pop("vocabulary")},
-    "null certainty": {"header_changes": lambda h: h.update(certainty=None)},
-    "negative temperature": {"header_changes": lambda h: h["certainty"].update(temperature=-1)},
     "a list": {"header_changes": "[]"},
     "deep JSON": {"header_changes": "[" * 100_000},
     "NaN in its arrays": {"chains": with_nan, "log_table": with_nan, "ended_weights": with_nan},
@@ -318,10 +313,3 @@ def test_a_model_file_with_too_many_facings_is_one_clear_line(stacked, tmp_path)
         BadInput, match=r"a\.model: parameter facings = 1e\+09: a whole number from 1 to 72 is expected"
     ):
         read_model(path)
-
-
-def test_a_model_file_without_certainty_is_uncalibrated(model, tmp_path):
-    path = tmp_path / "a.model"
-    write_model(path, model)
-    rewritten(path, lambda h: h.pop("certainty"))
-    assert read_model(path).header.calibration == PosteriorCalibration()

@@ -12,7 +12,6 @@ from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibrati
 from observer.model.base import Example, Header
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.parameters import FACINGS
-from observer.model.posterior_calibration import CAUTIOUS
 
 LABELS = ("bow", "lunge")
 EVALUATIONS: list[tuple[frozenset[tuple[str, str, int]], tuple[str, str, int]]] = []
@@ -78,8 +77,8 @@ def clear():
     BatchSpy.SEEN.clear()
 
 
-def calibration_of(header, examples):
-    return with_calibration(Spy, Spy(header, None), examples).header.calibration
+def evaluate(header, examples):
+    with_calibration(Spy, Spy(header, None), examples)
 
 
 def header(facings=1.0):
@@ -96,7 +95,7 @@ def examples(subjects, trials=("1", "2"), facings=1):
 
 def test_each_person_is_evaluated_by_a_model_of_the_others():
     shown = examples("abcd")
-    calibration_of(header(), shown)
+    evaluate(header(), shown)
     assert Counter(evaluated for _, evaluated in EVALUATIONS) == Counter(
         (e.subject, e.trial, e.movement) for e in shown
     )
@@ -114,39 +113,23 @@ def test_each_person_is_evaluated_by_a_model_of_the_others():
 )
 def test_with_one_person_for_a_movement_recordings_are_left_out_in_turn(recordings, never_left_out):
     shown = [example(subject, str(n), movement) for n, (subject, movement) in enumerate(recordings)]
-    calibration_of(header(), shown)
+    evaluate(header(), shown)
     left_out = [(e.subject, e.trial, e.movement) for e in shown if e.movement not in never_left_out]
     assert sorted(evaluated for _, evaluated in EVALUATIONS) == sorted(left_out)
     for learned, evaluated in EVALUATIONS:
         assert evaluated not in learned and {movement for _, _, movement in learned} == {0, 1}
 
 
-@pytest.mark.parametrize("shown", [examples("a", trials=("1",)), examples("a", trials=("1", "2"))])
-def test_with_few_examples_of_one_person_the_calibration_is_cautious(shown):
-    assert calibration_of(header(), shown) == CAUTIOUS
-
-
-def test_with_few_examples_of_two_people_it_is_partly_so():
-    calibration = calibration_of(header(), examples("ab"))
-    assert 0.5 < calibration.temperature < CAUTIOUS.temperature and calibration.doubt <= CAUTIOUS.doubt
-
-
-def test_with_one_person_the_fit_is_at_least_cautious():
-    shown = examples("a", trials=[str(n) for n in range(20)])
-    calibration = calibration_of(header(), shown)
-    assert calibration.temperature >= CAUTIOUS.temperature and calibration.doubt >= CAUTIOUS.doubt
-
-
 def test_of_many_examples_only_a_share_is_evaluated():
     shown = examples([str(n) for n in range(10)], trials=[str(n) for n in range(30)])
-    calibration_of(header(), shown)
+    evaluate(header(), shown)
     assert MOST_EVALUATED / 2 <= len(EVALUATIONS) <= MOST_EVALUATED * 1.5
     assert {movement for _, (_, _, movement) in EVALUATIONS} == {0, 1}
     assert all(subject not in {s for s, _, _ in learned} for learned, (subject, _, _) in EVALUATIONS)
 
 
 def test_only_one_facing_is_evaluated():
-    calibration_of(header(4.0), examples("abc", facings=4))
+    evaluate(header(4.0), examples("abc", facings=4))
     assert len(EVALUATIONS) == 12 and all(h.parameters["facings"] == 1.0 for h in HEADERS)
 
 
@@ -189,13 +172,12 @@ def test_of_many_examples_at_many_facings_a_share_is_watched_evenly():
     assert len(of_facings) == 12 and max(of_facings.values()) <= 2 * min(of_facings.values())
 
 
-def test_calibration_leaves_the_model_unchanged():
+def test_the_evaluation_leaves_the_model_unchanged():
     shown = examples("abcde", facings=4)
     model = Spy.learn(header(4.0), shown)
-    calibrated = with_calibration(Spy, model, shown)
-    assert calibrated.learned == model.learned and calibrated.header.parameters == {"facings": 4.0}
-    assert calibrated.header.calibration == calibration_of(header(4.0), shown) != CAUTIOUS
+    evaluated = with_calibration(Spy, model, shown)
+    assert evaluated.learned == model.learned and evaluated.header.parameters == {"facings": 4.0}
     # The spy's posterior is uniform, and argmax takes the first.
-    provenance = dict(calibrated.header.provenance)
+    provenance = dict(evaluated.header.provenance)
     assert json.loads(provenance.pop("held_out")) == {"bow": {"bow": 10}, "lunge": {"bow": 10}}
     assert provenance == {"tried": "20", "right": "10"}

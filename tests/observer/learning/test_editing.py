@@ -1,4 +1,4 @@
-"""A person's own movements: few recordings, cautious calibration; movements added and removed, others unchanged."""
+"""A person's own movements: few recordings; movements added and removed, others unchanged."""
 
 from dataclasses import replace
 
@@ -14,7 +14,6 @@ from observer.learning.editing import add_movements, remove_movements
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
-from observer.model.posterior_calibration import CAUTIOUS, PosteriorCalibration, at_least_cautious
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from studies.performer import perform
@@ -52,17 +51,9 @@ def test_three_recordings_of_one_person_are_a_usable_model(people, kind):
     others = recordings_of(people, ("2", "3"), (*OLD, NEW[0]), trials=1).recordings
     right = [recognised(own, recording) == recording.label for recording in others]
     assert np.mean(right) >= 5 / 6
-    alone = {"phase": CAUTIOUS, "stacked": PosteriorCalibration()}
-    assert own.header.calibration == alone[kind]
     assert own.header.provenance["tried"] == "9"
     text = describe_evaluation(own.header)
-    assert "tried on 9 left-out examples: right" in text and ("other people" in text or kind == "stacked")
-
-
-def test_at_least_cautious():
-    assert at_least_cautious(PosteriorCalibration(0.5, 0.002)) == CAUTIOUS
-    unsure = at_least_cautious(PosteriorCalibration(4.0, 0.2))
-    assert (unsure.temperature, unsure.doubt) == (4.0, 0.2)
+    assert "tried on 9 left-out examples: right" in text and ("weighed by that" in text) == (kind == "stacked")
 
 
 def same(one, other):
@@ -79,7 +70,7 @@ def test_adding_and_removing_movements_restores_the_model(model, people):
     assert grown.model.header.vocabulary.labels == (*OLD, *NEW)
     assert remove_movements(grown.model, ()).header.vocabulary.labels == (*OLD, *NEW)
     back = remove_movements(grown.model, NEW)
-    assert same(model, back) and back.header.calibration == model.header.calibration
+    assert same(model, back)
     assert back.header.vocabulary == model.header.vocabulary
 
 
@@ -93,7 +84,6 @@ def test_a_movement_added_is_as_one_learned_at_once(people, before, newcomers, t
     both, parameters = MotionArchive(people.body_parts, (*old.recordings, *new.recordings)), {"kernels": 336.0}
     grown = add_movements(learn_view(old, DOOR, Vocabulary(OLD), parameters=parameters), new, DOOR).model
     whole = learn_view(both, DOOR, Vocabulary((*OLD, NEW[0])), parameters=parameters)
-    assert grown.header.calibration == whole.header.calibration
     assert grown.header.parameters == whole.header.parameters
     assert grown.header.provenance.get("held_out") == whole.header.provenance.get("held_out")
     for name, values in whole.arrays().items():
@@ -191,7 +181,7 @@ def test_add_and_forget_on_the_command_line(run, people, tmp_path):
         write_archive(tmp_path / f"{name}.npz", recordings_of(people, ("1",), labels, trials))
     file = tmp_path / "door.model"
     status, out, err = run("learn", tmp_path / "own.npz", "--model", "phase", "--view", "door", "-o", file)
-    assert (status, err) == (0, "") and "tried on 6 left-out examples: right" in out and "temperature 1.3" in out
+    assert (status, err) == (0, "") and "tried on 6 left-out examples: right" in out
     status, out, err = run("learn", tmp_path / "own.npz", "--view", "door", "-o", file)
     assert (status, err) == (0, "") and "tried on 6 left-out examples: right" in out
     before = read_model(file)

@@ -81,14 +81,14 @@ def test_learn_says_that_the_model_is_for_the_camera_as_it_stands(run, files):
     assert header.view == "camera:sofa" and parse_view(header.view).is_this_camera
 
 
-def test_examples_by_people_who_will_be_judged_are_left_out_one_by_one_to_calibrate(run, files):
+def test_examples_by_people_who_will_be_judged_are_left_out_one_by_one(run, files):
     models = []
     for words in ((), ("--known-people",)):
-        run("learn", files / "sofa.npz", "--model", "phase", *words, "-o", files / "sofa.model")
-        models.append(read_model(files / "sofa.model").header)
-    # Known people are as cautious as one person's recordings; names stay, so that they can be forgotten.
-    assert models[0].calibration != models[1].calibration and models[1].calibration.temperature >= 1.3
-    assert models[0].provenance["subjects"] == models[1].provenance["subjects"] == "1,2"
+        run("learn", files / "sofa.npz", "--parameter", "kernels=84", *words, "-o", files / "sofa.model")
+        models.append(read_model(files / "sofa.model"))
+    # Names stay, so that they can be forgotten.
+    assert not np.array_equal(*(model.arrays()["stacker_weights"] for model in models))
+    assert [model.header.provenance["subjects"] for model in models] == ["1,2", "1,2"]
 
 
 def test_ordinary_life_in_the_same_file_is_something_else(sofa):
