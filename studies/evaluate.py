@@ -105,10 +105,10 @@ def require_fits(settings: EvaluationSettings) -> None:
     check_names([view.name for view in settings.views])
 
 
-def results_of(folds: Sequence[ObservedFold], settings: EvaluationSettings, raw: bool = False) -> EvaluationResult:
-    """The result of what was observed; raw: of the posteriors before calibration, if they were observed."""
+def results_of(folds: Sequence[ObservedFold], settings: EvaluationSettings) -> EvaluationResult:
+    """The result of what was observed."""
     results = [
-        _joined(trial, [courses.trials[n] for courses in fold.courses], settings, raw)
+        _joined(trial, [courses.trials[n] for courses in fold.courses], settings)
         for fold in folds
         for n, trial in enumerate(fold.trials)
     ]
@@ -125,13 +125,11 @@ def results_of(folds: Sequence[ObservedFold], settings: EvaluationSettings, raw:
 
 
 def _joined(
-    trial: EvaluationTrial, courses: Sequence[OutputCourse | None], settings: EvaluationSettings, raw: bool
+    trial: EvaluationTrial, courses: Sequence[OutputCourse | None], settings: EvaluationSettings
 ) -> TrialResult:
     """What all observers output in each frame of the trial; of other sensors, after equal fractions of theirs."""
     frames, movements = len(trial.recording.positions), len(settings.labels)
-    shown = [
-        None if c is None else ((c.raw or c) if raw else c).at(frames_at_fractions(len(c.p), frames)) for c in courses
-    ]
+    shown = [None if c is None else c.at(frames_at_fractions(len(c.p), frames)) for c in courses]
     nothing = np.full(frames, np.nan)
     facings = [c.facing for c in shown if c is not None and c.facing is not None]
     facing = None
@@ -145,8 +143,7 @@ def _joined(
         np.empty((0, 0)),
         facing,
         np.stack([nothing if c is None else c.unlearned for c in shown], axis=1),
-        # Verdicts come of calibrated posteriors alone.
-        rest=None if raw else np.stack([nothing if c is None else c.rest for c in shown], axis=1),
+        rest=np.stack([nothing if c is None else c.rest for c in shown], axis=1),
     )
 
 

@@ -19,7 +19,7 @@ from observer.learning.learn import learn_view
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import ProjectedTracker, frames_of
-from observer.runtime.pipeline import TINY, Observer
+from observer.runtime.pipeline import Observer
 from observer.tracks import Floats, Tracker
 from studies.faults import HIDDEN, OccludedTracker
 from studies.sensors import same_streams, same_trials
@@ -41,7 +41,7 @@ class OutputCourse:
     """The output of one observer in the F frames of one recording.
 
     p (F, M); rest (F,); visible (F,) whether any body part is seen; unlearned (F,), NaN where it is not estimated;
-    facing (F, M, K), None for a model without facings. raw: the same before calibration, where it is asked for.
+    facing (F, M, K), None for a model without facings.
     """
 
     p: Floats
@@ -49,24 +49,19 @@ class OutputCourse:
     visible: Floats
     unlearned: Floats
     facing: Floats | None = None
-    raw: "OutputCourse | None" = None
 
     def at(self, frames: NDArray[np.int64]) -> "OutputCourse":
         """The outputs in those frames."""
         facing = None if self.facing is None else self.facing[frames]
-        raw = None if self.raw is None else self.raw.at(frames)
-        return OutputCourse(
-            self.p[frames], self.rest[frames], self.visible[frames], self.unlearned[frames], facing, raw
-        )
+        return OutputCourse(self.p[frames], self.rest[frames], self.visible[frames], self.unlearned[frames], facing)
 
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What is observed: trials, streams; and whether posteriors before calibration are wanted too."""
+    """What is observed."""
 
     trials: bool = True
     streams: bool = False
-    raw: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,7 +73,6 @@ class FoldPart:
     train: Split
     trials: Sequence[EvaluationTrial | None]
     streams: Sequence[Recording]
-    raw: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +124,7 @@ def observe_folds(
     splits = folds_of(archive, settings, shown)
     folds = [_watched(archive, split, settings, number, extent) for number, split in enumerate(splits)]
     parts = [
-        _part_of(split, fold, settings, number, v, extent.raw)
+        _part_of(split, fold, settings, number, v)
         for number, (split, fold) in enumerate(zip(splits, folds, strict=True))
         for v in range(len(settings.views))
     ]
@@ -159,13 +153,11 @@ def _rng(settings: EvaluationSettings, number: int) -> np.random.Generator:
     return np.random.default_rng([settings.seed, number, 2])
 
 
-def _part_of(
-    split: Split, fold: ObservedFold, settings: EvaluationSettings, number: int, v: int, raw: bool
-) -> FoldPart:
+def _part_of(split: Split, fold: ObservedFold, settings: EvaluationSettings, number: int, v: int) -> FoldPart:
     """The observer's part of a fold: with sensors, what its own sensor recorded."""
     alone = replace(settings, sensors=(), other_motion=())
     if not settings.sensors:
-        return FoldPart(alone, settings.views[v], replace(split, test=()), fold.trials, fold.streams, raw)
+        return FoldPart(alone, settings.views[v], replace(split, test=()), fold.trials, fold.streams)
     own = settings.sensors[v]
     people = {r.subject for r in split.train.recordings}
     mine = MotionArchive(own.body_parts, tuple(r for r in own.recordings if r.subject in people))
@@ -177,7 +169,7 @@ def _part_of(
     other = fold.streams[len(judged) :]
     lives = len(other) - len(settings.other_motion)
     other = [*same_streams(own, other[:lives]), *other[lives:]]
-    return FoldPart(alone, settings.views[v], train, same_trials(own, fold.trials), [*streams, *other], raw)
+    return FoldPart(alone, settings.views[v], train, same_trials(own, fold.trials), [*streams, *other])
 
 
 def observe_part(part: FoldPart) -> FoldCourses:
@@ -224,34 +216,23 @@ def _watch_trial(trial: EvaluationTrial, part: FoldPart, model: MovementModel) -
         third = (trial.end - trial.begin) / 3
         tracker = OccludedTracker(tracker, trial.begin + round(third), trial.begin + round(2 * third))
     ends = trial.end == len(trial.recording.positions)
-    return watch(Observer(tracker, model, onset_of(trial, part.settings)), trial.recording, part.raw, ends=ends)
+    return watch(Observer(tracker, model, onset_of(trial, part.settings)), trial.recording, ends=ends)
 
 
-def watch(observer: Observer, recording: Recording, raw: bool = False, ends: bool = False) -> OutputCourse:
-    """The output of a new observer in each frame of a recording. raw: also before calibration.
+def watch(observer: Observer, recording: Recording, ends: bool = False) -> OutputCourse:
+    """The output of a new observer in each frame of a recording.
 
     ends: the movement ends with the recording, and the last output is that of an observer that has noticed.
     """
-    outputs, before = [], []
+    outputs = []
     for number, frame in enumerate(frames_of(recording), 1):
         output = observer.step(frame)
         if ends and number == len(recording.positions):
             output = observer.end() or output
         outputs.append(output)
-        if raw:
-            before.append((output.p[:, None] * (1.0 if output.facing is None else output.facing), output.unlearned))
     rest = np.array([output.rest for output in outputs])
     visible = np.array([any(output.visible.values()) for output in outputs], dtype=np.float64)
     p = np.array([output.p for output in outputs])
     unlearned = np.array([np.nan if o.unlearned is None else o.unlearned for o in outputs])
     facing = None if outputs[0].facing is None else np.array([output.facing for output in outputs])
-    course = OutputCourse(p, rest, visible, unlearned, facing)
-    return replace(course, raw=_uncalibrated(course, before)) if raw else course
-
-
-def _uncalibrated(course: OutputCourse, before: Sequence[tuple[Floats, float | None]]) -> OutputCourse:
-    joint = np.array([posterior for posterior, _ in before])
-    p = joint.sum(axis=2)
-    facing = None if course.facing is None else joint / np.maximum(p, TINY)[:, :, None]
-    unlearned = np.array([np.nan if u is None else u for _, u in before])
-    return replace(course, p=p, unlearned=unlearned, facing=facing)
+    return OutputCourse(p, rest, visible, unlearned, facing)

@@ -125,10 +125,8 @@ def _facing_errors(result: EvaluationResult) -> dict[str, float] | None:
     return {"within_30_deg": float((errors_deg <= NEAR_DEG).mean()), "median_deg": float(np.median(errors_deg))}
 
 
-def write_report(
-    result: EvaluationResult, figures: dict[str, Any], folder: Path, uncalibrated: EvaluationResult | None = None
-) -> list[Path]:
-    """Write text and figures into `folder`, made if needed; returns the files. uncalibrated: for a second diagram.
+def write_report(result: EvaluationResult, figures: dict[str, Any], folder: Path) -> list[Path]:
+    """Write text and figures into `folder`, made if needed; returns the files.
 
     Raises BadInput when the folder cannot be written, LabanmeshError where matplotlib is missing.
     """
@@ -139,11 +137,9 @@ def write_report(
     ]
     resolved = [resolved_pairs(figures)] if len(views) > 1 else []
     text = write_text(folder / "report.txt", "\n\n".join([as_text(figures), *tables, *resolved]) + "\n", "--report")
-    reliability = [_reliability(result, folder / "reliability.png")]
-    if uncalibrated is not None:
-        reliability.append(_reliability(uncalibrated, folder / "reliability-uncalibrated.png"))
+    reliability = _reliability(result, folder / "reliability.png")
     typical = [_belief(r, views, figures["labels"], folder) for r in _resolved_trials(result.trials, len(views))]
-    return [text, *_confusions(figures, folder), _earliness(figures, folder), *reliability, *typical]
+    return [text, *_confusions(figures, folder), _earliness(figures, folder), reliability, *typical]
 
 
 def figures() -> ModuleType:

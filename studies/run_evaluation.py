@@ -62,12 +62,10 @@ def run_evaluation(archive: MotionArchive, settings: EvaluationSettings, tasks: 
     if tasks.json:
         require_writable(tasks.json, "--json")
     require_fits(settings)
-    # Reliability is drawn before and after calibration.
-    needs_raw = report is not None and settings.calibrated
     with ProgressBar() as bar:
         # First, so that its bad input is reported at once.
         curve = learning_curve(archive, settings, bar) if tasks.curve else None
-        folds = observe_folds(archive, settings, Extent(streams=streams, raw=needs_raw), bar, jobs)
+        folds = observe_folds(archive, settings, Extent(streams=streams), bar, jobs)
         judged = judge_observed(folds, settings, bar, jobs) if streams else None
         result = results_of(folds, settings)
     figures = as_json(result)
@@ -78,7 +76,7 @@ def run_evaluation(archive: MotionArchive, settings: EvaluationSettings, tasks: 
     _print(figures)
     written: list[Path] = []
     if report:
-        written = write_report(result, figures, report, results_of(folds, settings, raw=True) if needs_raw else None)
+        written = write_report(result, figures, report)
         written += draw_streams(judged, report) if judged else []
         written += [draw_learning_curve(curve, report / "learning-curve.png")] if curve else []
     if tasks.json:

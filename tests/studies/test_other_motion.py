@@ -13,7 +13,7 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import evaluate as evaluate_command
-from studies.evaluate import EvaluationSettings, evaluate, results_of
+from studies.evaluate import EvaluationSettings, results_of
 from studies.observing import Extent, observe_folds
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
@@ -44,29 +44,20 @@ ASKED = settings(leave_one_subject_out=False, train_subjects=("1", "2"), model="
 
 
 def test_several_processes_give_the_same_result_as_one(archive):
-    """With streams and other motion, and before calibration."""
+    """With streams and other motion."""
     other = (perform_continuously("4", ("byebye",), seed=2),)
     asked = replace(ASKED, other_motion=other, train_subjects=("1",))
-    extent = Extent(streams=True, raw=True)
+    extent = Extent(streams=True)
     one, two = (observe_folds(archive, asked, extent, jobs=jobs) for jobs in (1, 2))
-    for raw in (False, True):
-        pairs = zip(*(results_of(folds, asked, raw=raw).trials for folds in (one, two)), strict=True)
-        assert all((mine.fused == theirs.fused).all() for mine, theirs in pairs)
+    pairs = zip(*(results_of(folds, asked).trials for folds in (one, two)), strict=True)
+    assert all((mine.fused == theirs.fused).all() for mine, theirs in pairs)
     assert judge_observed(one, asked).as_json() == judge_observed(two, asked, jobs=2).as_json()
 
 
 @pytest.fixture(scope="module")
 def observed(archive):
-    """What the observers output, also before calibration."""
-    return observe_folds(archive, ASKED, Extent(raw=True))
-
-
-def test_before_calibration_the_result_is_that_of_models_without_it(archive, observed):
-    """Oracle: an evaluation of models that were not calibrated."""
-    raw = results_of(observed, ASKED, raw=True)
-    plain = evaluate(archive, replace(ASKED, calibrated=False))
-    for mine, theirs in zip(raw.trials, plain.trials, strict=True):
-        assert mine.views == pytest.approx(theirs.views, abs=1e-9)
+    """What the observers output."""
+    return observe_folds(archive, ASKED, Extent())
 
 
 def test_the_first_word_is_said_within_the_movement_and_counted(observed):

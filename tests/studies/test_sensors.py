@@ -211,7 +211,7 @@ def test_two_sensors_on_the_command_line(command, archive, tmp_path):
     assert figures["views"] == ["left", "right"] and figures["rule"] == "product" and figures["sensors"]
     assert set(figures["stream"]["per_person"]) == {"1", "2", "3"}
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"stream-1.png", "stream-3.png", "confusion-right.png", "reliability-uncalibrated.png"} <= names
+    assert {"stream-1.png", "stream-3.png", "confusion-right.png", "reliability.png"} <= names
     for extra, error in (
         (["a.npz"], "--sensor: takes the place of ARCHIVE and --views"),
         (["--turn", "45"], "--sensor --turn: sensors are judged on what they recorded; omit --turn"),
