@@ -118,15 +118,12 @@ class PersonConfig(Section):
 class VirtualConfig(Section):
     """[observers.ID.virtual]: the room and camera that render recorded motion for a tracker of pictures.
 
-    Shares are 0 to 1. occluders: rows of left, top, width, height (shares of the picture), first and last second of the
+    occluders: rows of left, top, width, height (shares of the picture), first and last second of the
     motion. The same seed gives the same pictures.
     """
 
     background: Literal["plain", "cluttered", "skin_toned"] = "plain"
     noise: Annotated[float, Field(ge=0, le=64)] = 2.0
-    slow_light: Annotated[float, Field(ge=0, le=1)] = 0.0
-    sudden_light: Annotated[float, Field(ge=0, le=1)] = 0.0
-    blur: Annotated[float, Field(ge=0, le=1)] = 0.0
     occluders: Annotated[tuple[Occlusion, ...], Field(strict=False, examples=[[[0.3, 0.2, 0.4, 0.5, 1, 2]]])] = ()
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
 

@@ -1,4 +1,4 @@
-"""Everything in a rendered picture except the performer: background, light, noise and occlusion."""
+"""Everything in a rendered picture except the performer: background, noise and occlusion."""
 
 import math
 from dataclasses import dataclass
@@ -33,32 +33,20 @@ class Occluder:
 
 @dataclass(frozen=True, slots=True)
 class Scenery:
-    """Everything except the performer; by default a plain wall, a perfect camera and steady light.
+    """Everything except the performer; by default a plain wall and a perfect camera.
 
-    noise: standard deviation of each pixel and channel, grey levels, 0 to 64. slow_light: amplitude of a sinusoidal
-    change of brightness with a period of `slow_frames`, as a share. sudden_light: largest jump of brightness and
-    colour every `sudden_frames`, as a share. blur: share of the frame interval for which the shutter is open.
-    Raises BadInput for an unknown background and for a number out of range (shares are 0 to 1).
+    noise: standard deviation of each pixel and channel, grey levels, 0 to 64. Raises BadInput for an unknown background
+    and for a number out of range.
     """
 
     background: str = "plain"
     noise: float = 0.0
-    slow_light: float = 0.0
-    slow_frames: int = 150
-    sudden_light: float = 0.0
-    sudden_frames: int = 45
-    blur: float = 0.0
     occluders: tuple[Occluder, ...] = ()
 
     def __post_init__(self) -> None:
         if self.background not in BACKGROUNDS:
             raise BadInput(f"background = {self.background!r}: unknown background; known: {', '.join(BACKGROUNDS)}")
         _check_range("noise", self.noise, 64.0)
-        for name in ("slow_light", "sudden_light", "blur"):
-            _check_range(name, getattr(self, name), 1.0)
-        for name in ("slow_frames", "sudden_frames"):
-            if getattr(self, name) < 1:
-                raise BadInput(f"{name} = {getattr(self, name)}: at least 1 frame is expected")
         for occluder in self.occluders:
             for name in ("left", "top", "width", "height"):
                 _check_range(f"occluder's {name}", getattr(occluder, name), 1.0)
@@ -178,7 +166,7 @@ def _wash(width: int, height: int, colour: Bgr, fall: float) -> Picture:
     return np.broadcast_to(np.clip(gradient, 0.0, 255.0).astype(np.uint8), (height, width, 3)).copy()
 
 
-LIGHT, GRAIN = 3, 4  # keys of the random streams, after the seed
+GRAIN = 4  # key of the random stream, after the seed
 BOX_COLOURS = ((92, 70, 48), (116, 92, 66))
 _TILE = 61  # largest shift of the grain in px, so that no pattern repeats visibly
 
@@ -197,27 +185,6 @@ def occlude(canvas: Canvas, scenery: Scenery, frame_number: int) -> None:
         canvas.picture[top:bottom, left:right] = BOX_COLOURS[0]
         for y in range(top, min(bottom, rows), 12):
             canvas.picture[y : min(y + 4, bottom), left:right] = BOX_COLOURS[1]
-
-
-def gains(scenery: Scenery, seed: int, frame_number: int) -> tuple[float, float, float]:
-    """Factors of blue, green and red in that frame; all 1 in steady light and before the first jump."""
-    swing = 1.0 + scenery.slow_light * math.sin(2 * math.pi * frame_number / scenery.slow_frames)
-    jump = frame_number // scenery.sudden_frames
-    if not (scenery.sudden_light and jump):
-        return swing, swing, swing
-    brightness, warmth = np.random.default_rng((seed, LIGHT, jump)).uniform(-1.0, 1.0, 2) * scenery.sudden_light
-    level = swing * (1.0 + float(brightness))
-    warm = 0.2 * float(warmth)
-    return level * (1.0 - warm), level, level * (1.0 + warm)
-
-
-def relight(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:
-    """The picture in the light of that frame, saturated at 255."""
-    factors = gains(scenery, seed, frame_number)
-    if factors == (1.0, 1.0, 1.0):
-        return picture
-    table = np.clip(np.arange(256.0)[:, None] * factors + 0.5, 0.0, 255.0).astype(np.uint8)
-    return np.asarray(cv2.LUT(picture, table[None]), dtype=np.uint8)
 
 
 def add_noise(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:

@@ -16,20 +16,15 @@ from observer.motion.playback import RecordedMotion
 from observer.rendering.body import Stature, pose, stature
 from observer.rendering.canvas import NOBODY_VALUE, Canvas, Picture, PinholeCamera, draw
 from observer.rendering.figure import Appearance, appearance_of, shapes
-from observer.rendering.scenery import Scenery, add_noise, background, occlude, relight
+from observer.rendering.scenery import Scenery, add_noise, background, occlude
 from observer.tracks import BODY_PARTS, Frame
-
-SUB_FRAMES = 6
-"""Most instants of an exposure that are averaged for motion blur."""
-BLUR_STEP_PX = 4.0
-"""Motion between two such instants, px; less motion needs fewer instants."""
 
 
 class Renderer:
     """Pictures of one performer from one camera; the same arguments give identical pictures on one machine.
 
-    matrix: (3, 4) pinhole camera, metres to pixels. size_px: (width, height). seed: of background, noise, light, and of
-    the appearance where none is given. standing: `stature` of the recording; by default it is taken from each frame
+    matrix: (3, 4) pinhole camera, metres to pixels. size_px: (width, height). seed: of background, noise, and of the
+    appearance where none is given. standing: `stature` of the recording; by default it is taken from each frame
     alone, so that a bending person appears to stand.
     Raises BadInput for a matrix that is not a pinhole camera, a size below 16 px and a negative seed.
     """
@@ -54,41 +49,16 @@ class Renderer:
         self._appearance = appearance or appearance_of(seed)
         self._standing = standing
 
-    def picture(self, positions: Floats, frame_number: int, before: Floats | None = None) -> Picture:
-        """(P, 3) left hand, right hand, head in metres, NaN for parts that are not drawn -> (H, W, 3) BGR.
-
-        before: the positions one frame earlier, for motion blur: the shutter is open for the last `scenery.blur` of the
-        frame interval. It costs up to SUB_FRAMES figures.
-        """
-        instants = self._exposure(positions, before)
-        canvas = self._drawn(instants[-1])
-        if len(instants) > 1:
-            total = canvas.picture.astype(np.uint16)
-            for instant in instants[:-1]:
-                total += self._drawn(instant).picture
-            canvas = Canvas((total // len(instants)).astype(np.uint8), canvas.owner)
+    def picture(self, positions: Floats, frame_number: int) -> Picture:
+        """(P, 3) left hand, right hand, head in metres, NaN for parts that are not drawn -> (H, W, 3) BGR."""
+        canvas = self._drawn(np.asarray(positions, dtype=np.float64))
         occlude(canvas, self._scenery, frame_number)
-        lit = relight(canvas.picture, self._scenery, self._seed, frame_number)
-        return add_noise(lit, self._scenery, self._seed, frame_number)
-
-    def _exposure(self, positions: Floats, before: Floats | None) -> list[Floats]:
-        """The positions at the instants that are averaged."""
-        positions = np.asarray(positions, dtype=np.float64)
-        if positions.shape != (len(BODY_PARTS), 3):
-            raise BadInput(f"positions of shape {positions.shape}: ({len(BODY_PARTS)}, 3) is expected")
-        if before is None or not self._scenery.blur:
-            return [positions]
-        # The motion of a part without an earlier position is taken as 0.
-        moved = np.where(np.isfinite(before), positions - before, 0.0) * self._scenery.blur
-        _, depth = self._camera.project(np.nan_to_num(positions))
-        furthest_px = np.nan_to_num(
-            np.linalg.norm(moved, axis=1) * self._camera.focal_px / np.maximum(depth, 0.5)
-        ).max()
-        steps = min(int(np.ceil(furthest_px / BLUR_STEP_PX)), SUB_FRAMES - 1)
-        return [positions - moved * back for back in np.linspace(1.0, 0.0, steps + 1)] if steps else [positions]
+        return add_noise(canvas.picture, self._scenery, self._seed, frame_number)
 
     def _drawn(self, positions: Floats) -> Canvas:
-        """The figure in front of its background, in steady light."""
+        """The figure in front of its background."""
+        if positions.shape != (len(BODY_PARTS), 3):
+            raise BadInput(f"positions of shape {positions.shape}: ({len(BODY_PARTS)}, 3) is expected")
         width, height = self._size_px
         scene = background(self._scenery.background, self._size_px, self._seed).copy()
         canvas = Canvas(scene, np.full((height, width), NOBODY_VALUE, np.uint8))
@@ -103,7 +73,7 @@ DISTANCE = 3.5
 FOCAL_HEIGHTS = 1.35
 """Focal length in picture heights: from DISTANCE it shows 2.6 m, a person with raised hands."""
 PERFECT = Scenery()
-"""A plain wall, a perfect camera, steady light."""
+"""A plain wall, a perfect camera."""
 
 
 def aimed_matrix(view: View, standing: Stature, size_px: tuple[int, int] = (640, 480)) -> Floats:
@@ -130,8 +100,8 @@ def _direction(parallel: Floats) -> tuple[float, float]:
 class VirtualCamera:
     """Renders the frames of `motion` at the same times; `Frame.content` is a picture (H, W, 3) uint8 BGR.
 
-    The camera stands in the direction of `view` and is aimed at the performer of each recording. seed: of background,
-    light and noise. The appearance follows from the subject's name, so that all cameras show the same person.
+    The camera stands in the direction of `view` and is aimed at the performer of each recording. seed: of background
+    and noise. The appearance follows from the subject's name, so that all cameras show the same person.
     """
 
     motion: RecordedMotion
@@ -178,6 +148,4 @@ class _Filming:
     def picture(self, recording: Recording, i: int, number: int) -> Picture:
         if recording is not self._recording:
             self._recording, self._renderer = recording, self._camera.renderer(recording)
-        # Blur needs where the parts were one frame earlier, also if that frame was skipped.
-        before = recording.positions[i - 1][self._order].astype(float) if i else None
-        return self._renderer.picture(recording.positions[i][self._order].astype(float), number, before)
+        return self._renderer.picture(recording.positions[i][self._order].astype(float), number)

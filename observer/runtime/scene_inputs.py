@@ -186,9 +186,6 @@ def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig)
     scenery = Scenery(
         background=room.background,
         noise=room.noise,
-        slow_light=room.slow_light,
-        sudden_light=room.sudden_light,
-        blur=room.blur,
         occluders=tuple(
             Occluder(left, top, width, height, round(begin_s * rate_hz), round(end_s * rate_hz))
             for left, top, width, height, begin_s, end_s in room.occluders

@@ -47,7 +47,7 @@ def contents(reads):
         return [np.hstack([p[:, :2] * [-1, -1], np.ones((3, 1))]) for p in recording.positions.astype(float)]
     camera = VirtualCamera(RecordedMotion(BODY_PARTS, (recording,), speed=0.0), DOOR)
     draw = camera.renderer(recording)
-    return [draw.picture(p, n, None) for n, p in enumerate(recording.positions.astype(float))]
+    return [draw.picture(p, n) for n, p in enumerate(recording.positions.astype(float))]
 
 
 @pytest.fixture(params=TRACKERS.values(), ids=lambda kind: kind.name)

@@ -22,16 +22,14 @@ class Truth:
         return self.shares >= share
 
 
-def visible_truth(renderer, positions, number, before=None):
-    """As `Renderer.picture`; with motion blur, in the middle of the exposure."""
-    instants = renderer._exposure(positions, before)
-    middle = (instants[0] + instants[-1]) / 2
-    canvas = renderer._drawn(middle)
+def visible_truth(renderer, positions, number):
+    """As `Renderer.picture`."""
+    canvas = renderer._drawn(positions)
     occlude(canvas, renderer._scenery, number)
     parts = np.arange(len(BODY_PARTS))
     counts = np.bincount(canvas.owner.ravel(), minlength=NOBODY_VALUE + 1)[parts]
-    shares = np.minimum(counts / np.maximum(outline_areas(renderer, middle), 1.0), 1.0)
-    pixels, depth = renderer._camera.project(np.nan_to_num(middle))
+    shares = np.minimum(counts / np.maximum(outline_areas(renderer, positions), 1.0), 1.0)
+    pixels, depth = renderer._camera.project(np.nan_to_num(positions))
     visible = (counts > 0) & (depth > NEAREST)
     return Truth(np.where(visible[:, None], pixels, np.nan), np.where(visible, shares, 0.0))
 

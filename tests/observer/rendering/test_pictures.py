@@ -48,16 +48,16 @@ def with_(part, place, positions=APART):
     return changed
 
 
-FULL = {"noise": 5.0, "slow_light": 0.2, "sudden_light": 0.3, "blur": 0.5, "occluders": (Occluder(0.1, 0.1, 0.2, 0.2),)}
+FULL = {"noise": 5.0, "occluders": (Occluder(0.1, 0.1, 0.2, 0.2),)}
 
 
 @pytest.mark.parametrize("background", BACKGROUNDS)
 def test_pictures_depend_on_the_arguments_and_the_seed_only(background):
     first, second = (renderer(seed=3, background=background, **FULL) for _ in range(2))
-    expected = first.picture(APART, 70, APART - 0.05)
+    expected = first.picture(APART, 70)
     second.picture(APART + 0.1, 3)
     assert expected.shape == (480, 640, 3) and expected.dtype == np.uint8
-    np.testing.assert_array_equal(expected, second.picture(APART, 70, APART - 0.05))
+    np.testing.assert_array_equal(expected, second.picture(APART, 70))
     empty, other = (renderer(seed=seed, background=background).picture(UNSEEN, 0) for seed in (3, 4))
     assert (empty != other).any()
     assert appearance_of(3) != appearance_of(4)
@@ -172,22 +172,6 @@ def test_noise_has_its_deviation_and_differs_between_frames():
     assert abs(across) < 0.1
 
 
-def test_slow_light_has_its_period():
-    view = renderer(slow_light=0.2, slow_frames=100)
-    base, bright, dark, again = (view.picture(APART, frame).mean() for frame in (0, 25, 75, 100))
-    assert bright / base == pytest.approx(1.2, abs=0.02)
-    assert dark / base == pytest.approx(0.8, abs=0.02)
-    assert again == base
-
-
-def test_sudden_light_jumps_at_its_frames_only():
-    view = renderer(sudden_light=0.4, sudden_frames=10)
-    means = np.array([view.picture(APART, frame).mean() for frame in range(31)])
-    jumps = np.flatnonzero(np.abs(np.diff(means)) > 0) + 1
-    assert set(jumps) == {10, 20, 30}
-    assert means[0] == renderer().picture(APART, 0).mean()
-
-
 def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
     u, v = project(camera(), APART)[RIGHT] / SIZE
     view = renderer(occluders=(Occluder(u - 0.1, v - 0.1, 0.2, 0.2, first=5, end=8),))
@@ -201,30 +185,11 @@ def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
     assert visible_truth(view, APART, 6).visible()[LEFT]
 
 
-def test_blur_affects_moving_parts_only():
-    before = with_(RIGHT, APART[RIGHT] - [0.0, 0.2, 0.0])
-    blurred, sharp = renderer(blur=1.0), renderer()
-    assert (blurred.picture(APART, 0, APART) == sharp.picture(APART, 0)).all()
-    assert (blurred.picture(APART, 0) == sharp.picture(APART, 0)).all()
-    picture = blurred.picture(APART, 0, before)
-    u, v = project(camera(), (APART + before) / 2)[RIGHT]
-    column = np.abs(picture.astype(int) - sharp.picture(with_(RIGHT, np.nan), 0)).sum(axis=2)[:, round(u)] > 20
-    assert np.flatnonzero(column[: round(v) + 15]).min() < v - 20
-    truth = visible_truth(blurred, APART, 0, before)
-    assert truth.centres[RIGHT] == pytest.approx((u, v), abs=1e-9)
-    untouched = np.s_[:, 360:]  # seen from the front, the left hand is on the right of the picture
-    assert skin(picture[untouched]).any()
-    far = np.abs(picture[untouched].astype(int) - sharp.picture(APART, 0)[untouched])
-    assert (far > 2).mean() < 0.02
-
-
 def test_invalid_arguments_are_rejected_with_one_line():
     wrong = [
         lambda: Scenery(background="forest"),
         lambda: Scenery(noise=-1.0),
-        lambda: Scenery(blur=1.5),
-        lambda: Scenery(slow_light=float("nan")),
-        lambda: Scenery(sudden_frames=0),
+        lambda: Scenery(noise=float("nan")),
         lambda: Scenery(occluders=(Occluder(0.0, 0.0, 2.0, 0.5),)),
         lambda: Renderer(parallel_matrix(0.0, 0.0)),
         lambda: Renderer(np.eye(3)),

@@ -73,7 +73,7 @@ class RenderedPerformer:
             RecordedMotion(BODY_PARTS, (recording,), speed=0), parse_view(view), scenery=self.scenery
         )
         draw = camera.renderer(recording)
-        return [draw.picture(p, n, None) for n, p in enumerate(self.positions.astype(float))]
+        return [draw.picture(p, n) for n, p in enumerate(self.positions.astype(float))]
 
     def truth(self, view):
         """(F, 3, 2) px."""
