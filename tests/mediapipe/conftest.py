@@ -10,11 +10,10 @@ import pytest
 from mediapipe_stage import follow, unmirrored
 
 from benchmarks.clips.material import CAMERA
+from hub.phone.pose_task import pose_task
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
-from observer.tracking.task_file import TASK_MODELS
-from observer.tracking.task_file import task_file as make_task
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 from studies.sensors import with_parts
 
@@ -105,5 +104,6 @@ def task_file(pose_model, tmp_path_factory):
 
     folder = Path(mediapipe.__file__).parent / "modules"
     file = tmp_path_factory.mktemp("model") / "pose.task"
-    file.write_bytes(make_task({name: (folder / place).read_bytes() for name, (place, _, _) in TASK_MODELS.items()}))
+    places = ("pose_detection/pose_detection.tflite", "pose_landmark/pose_landmark_full.tflite")
+    file.write_bytes(pose_task(*((folder / place).read_bytes() for place in places)))
     return file

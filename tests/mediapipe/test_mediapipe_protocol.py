@@ -3,9 +3,7 @@
 import os
 import subprocess
 import sys
-import zipfile
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +12,6 @@ from observer_stage import rejected
 
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracking.pose import NOBODY_S
-from observer.tracking.task_file import TASK_MODELS, main
 from observer.tracks import BODY_PARTS, Frame, State
 
 mediapipe = pytest.importorskip("mediapipe")
@@ -128,19 +125,6 @@ def test_a_file_without_a_model_is_rejected_with_one_line(tmp_path):
         file.write_bytes(content)
         with rejected("pose.task", "a pose landmarker .task file is expected"):
             MediapipeTracker(str(file))
-
-
-def test_a_task_file_is_made_of_a_wheel(task_file, tmp_path):
-    import mediapipe
-
-    wheel = tmp_path / "mediapipe.whl"
-    folder = Path(mediapipe.__file__).parent / "modules"
-    with zipfile.ZipFile(wheel, "w") as archive:
-        for place, _, _ in TASK_MODELS.values():
-            archive.write(folder / place, f"mediapipe/modules/{place}")
-    assert "pose_model = " in main([str(wheel), str(tmp_path / "pose.task")])
-    with zipfile.ZipFile(tmp_path / "pose.task") as made, zipfile.ZipFile(task_file) as other:
-        assert {n: made.read(n) for n in made.namelist()} == {n: other.read(n) for n in other.namelist()}
 
 
 def test_nothing_is_written_to_stderr_even_without_close(model_path):

@@ -2,7 +2,6 @@
 
 import importlib
 import sys
-import zipfile
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -16,7 +15,6 @@ from common.errors import BadInput, LabanmeshError
 from observer.tracking import mediapipe_pose, pose
 from observer.tracking.mediapipe_pose import MediapipeTracker, TaskPose, open_people
 from observer.tracking.pose import LANDMARKS, NOBODY_S, SEEN, UNSURE, PoseTracker, landmarks_of
-from observer.tracking.task_file import main
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, State
 
 PICTURE = np.zeros((48, 64, 3), np.uint8)
@@ -212,15 +210,3 @@ def test_errors_of_mediapipe_tasks_become_one_line(monkeypatch, tmp_path, fault,
     file.write_bytes(b"x")
     with rejected(message, error=kind):
         TaskPose(str(file))
-
-
-@pytest.mark.parametrize("content", [b"no wheel", None])
-def test_a_file_without_models_makes_no_task_file(tmp_path, content):
-    wheel = tmp_path / "mediapipe.whl"
-    if content is None:
-        zipfile.ZipFile(wheel, "w").close()
-    else:
-        wheel.write_bytes(content)
-    with rejected("mediapipe.whl: no wheel with a pose model; mediapipe 0.10.21 has one"):
-        main([str(wheel), str(tmp_path / "pose.task")])
-    assert not (tmp_path / "pose.task").exists()
