@@ -27,9 +27,9 @@ from hub.counting.tally import RepetitionTally
 from observer.model.base import MovementModel, Onset
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive, Recording
+from observer.motion.even_rate import Resampler
 from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.runtime.pipeline import Observer, PosteriorEncoder
-from observer.runtime.resampler import Resampler
 from observer.tracks import Floats, Frame, Tracks
 from studies.fusion_engine import FusionEngine
 

@@ -14,10 +14,8 @@ from fusion.score_pool import JudgedScore, pooled_score
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.motion.archive_file import read_archive
-from observer.score.alignment import Alignment, AlignmentPart
-from observer.score.limbs import JOINTS, joints_of, places_of
-from observer.score.references import JudgeScore, ReferenceTakes
-from observer.score.remarks import Remark
+from observer.score.comparison import JOINTS, Alignment, AlignmentPart, joints_of, places_of
+from observer.score.references import JudgeScore, ReferenceTakes, Remark
 from observer.tracks import Floats, Floats32
 from studies.scoring.judging import (
     SeenPerformance,

@@ -10,8 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer.body_reach import BodyReach
-from observer.stillness import Stillness
+from observer.stillness import BodyReach, Stillness
 from observer.tracks import Floats, Tracks
 
 FORGET_PERSON_S = 1.0
@@ -26,7 +25,7 @@ class BodyFrame:
     """The origin of positions and the body's size in each frame of a stream of tracks.
 
     body_parts: names of the P parts, at least two, in any order. A part with a name that is neither in TRUNK_POINTS nor
-    in `body_reach.TORSO_LENGTHS` tells place and size only where no known one does. Raises BadInput for fewer than two.
+    in `stillness.TORSO_LENGTHS` tells place and size only where no known one does. Raises BadInput for fewer than two.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.body import BodyFrame
-from observer.body_reach import TORSO_SHARE
+from observer.stillness import TORSO_SHARE
 from observer.tracks import Floats, Tracks
 
 Symbols = NDArray[np.int8]

@@ -16,13 +16,13 @@ from observer.camera.base import Size
 from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
+from observer.motion.even_rate import Resampler
 from observer.motion.playback import RecordedMotion
 from observer.preview.film import Film, FilmPreview
 from observer.preview.shown_pictures import PicturedObserver
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder
-from observer.runtime.resampler import Resampler
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.runtime.start_barrier import StartBarrier
 from observer.tracks import Frame

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.scores import SharedAlignments, bent
 from observer.geometry.views import parse_view
 from observer.motion.archive_file import read_archive
-from observer.score.limbs import joints_of, places_of
+from observer.score.comparison import joints_of, places_of
 from studies.performer import perform
 from studies.scoring.judging import learned_references, shown_takes
 

@@ -14,7 +14,7 @@ from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
-from observer.runtime.resampler import Resampler
+from observer.motion.even_rate import Resampler
 from observer.score.performance import PerformanceScorer
 from observer.tracks import Floats, Frame, Tracker, Tracks
 

@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from observer.model.base import Arrays
 from observer.model.body_trace import hop_of, width_of
-from observer.score.deviations import columns_of
-from observer.score.limbs import joints_of, limbs_of
+from observer.score.comparison import columns_of, joints_of, limbs_of
 from observer.score.references import ReferenceSpread, ReferenceTake, ReferenceTakes
 
 LABELS_ARRAY = "reference_labels"

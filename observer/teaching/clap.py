@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from observer.body import BodyFrame
-from observer.runtime.resampler import Resampler
+from observer.motion.even_rate import Resampler
 from observer.tracks import Floats, Tracks
 
 APART, TOGETHER, PARTED = 1.2, 0.5, 1.0

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from common import SECOND_NS
-from observer.runtime.resampler import Resampler
+from observer.motion.even_rate import Resampler
 from observer.stillness import Stillness
 from observer.tracks import Floats, Tracks
 

@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from observer.score.remarks import Band, Remark
+from observer.score.references import Band, Remark
 from observer.tracks import Floats
 
 WIDTH, HEIGHT, EDGE, TITLE = 320, 120, 44, 28

@@ -14,9 +14,8 @@ from observer.learning.references import mirrored as mirrored
 from observer.model.body_trace import read_trace
 from observer.motion.archive import Recording
 from observer.motion.projected import view_tracks
-from observer.score.alignment import Align, Alignment
-from observer.score.references import JudgeScore, ReferenceTake, ReferenceTakes
-from observer.score.remarks import Band, Remark
+from observer.score.comparison import Align, Alignment
+from observer.score.references import Band, JudgeScore, ReferenceTake, ReferenceTakes, Remark
 from observer.tracks import Floats32, Tracks
 
 

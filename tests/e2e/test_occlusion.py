@@ -12,8 +12,8 @@ from common.config import read_scene
 from observer.model.model_file import read_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
+from observer.motion.even_rate import Resampler
 from observer.runtime.pipeline import Observer, PosteriorEncoder
-from observer.runtime.resampler import Resampler
 from observer.runtime.scene_inputs import open_inputs
 from observer.tracking.head import have_cascade
 from observer.tracks import BODY_PARTS

@@ -13,8 +13,8 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import View
 from observer.learning.learn import learn_view
 from observer.motion.archive import MotionArchive, labels_of
+from observer.motion.even_rate import Resampler
 from observer.runtime.pipeline import Observer
-from observer.runtime.resampler import Resampler
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, Tracks
 
 pytest.importorskip("mediapipe")

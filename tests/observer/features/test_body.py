@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
 from observer.body import BodyFrame
-from observer.body_reach import TORSO_LENGTHS, BodyReach
+from observer.stillness import TORSO_LENGTHS, BodyReach
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 
 RATE = 15.0

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.score.alignment import Alignment
+from observer.score.comparison import Alignment
 
 LENGTHS = st.integers(2, 7)
 

@@ -18,9 +18,9 @@ from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import decode, encode
 from observer.model.model_file import read_model
 from observer.motion.archive_file import read_archive
+from observer.motion.even_rate import Resampler
 from observer.runtime.pipeline import Observer
 from observer.runtime.prepared_tracker import PreparedTracker
-from observer.runtime.resampler import Resampler
 from observer.runtime.scene_inputs import is_untaught
 from observer.teaching import model_learner, service
 from observer.teaching.service import model_in_force, teachable, why_not
