@@ -10,6 +10,7 @@ from processes import SOON_S
 from common.capture_file import CaptureWriter
 from common.capture_record import CaptureRecord
 from common.config import read_scene
+from common.errors import LabanmeshError
 from common.messages import Contribution, JudgementMessage, StatusMessage, VerdictMessage, Vote
 from common.wire import encode, encode_vocabulary
 
@@ -84,6 +85,17 @@ def chromium():
         browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="session")
+def pose_model():
+    """The pose model for phones' browsers; the tests are skipped without it."""
+    from hub.phone.pose_model_file import data_folder, read_files
+
+    try:
+        return read_files(data_folder())
+    except LabanmeshError as error:
+        pytest.skip(str(error))
 
 
 @pytest.fixture

@@ -9,7 +9,6 @@ import pytest
 from phone_stage import Cable, Intruder, PhoneScene, Sniffer, ages_ms, film_of_wave, phone_browser, port_of, with_port
 from processes import until
 
-from common.errors import LabanmeshError
 from hub.phone.phone_messages import MESSAGE_LIMIT, read_message
 from observer.tracks import WHOLE_BODY
 
@@ -36,13 +35,7 @@ VISIBILITY = """hidden => {
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory):
-    from hub.phone.pose_model_file import data_folder, read_files
-
-    try:
-        read_files(data_folder())
-    except LabanmeshError as error:
-        pytest.skip(str(error))
+def film(pose_model, tmp_path_factory):
     return film_of_wave(tmp_path_factory.mktemp("film"))
 
 

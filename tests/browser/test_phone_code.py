@@ -11,8 +11,6 @@ from played_scene import ROOT, environment
 from processes import SOON_S, labanmesh
 
 from benchmarks.timing import free_port
-from common.errors import LabanmeshError
-from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.register_file import RegisterFile
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
@@ -27,12 +25,8 @@ def file(tmp_path):
 
 
 @pytest.fixture
-def server(file):
+def server(pose_model, file):
     """A `labanmesh phone` process, and its address with the code of the terminal."""
-    try:
-        read_files(data_folder())
-    except LabanmeshError as error:
-        pytest.skip(str(error))
     command = labanmesh("phone", file, "--listen", "127.0.0.1:0")
     with subprocess.Popen(command, env=environment(), cwd=ROOT, stdout=subprocess.PIPE, text=True) as process:
         for line in process.stdout:

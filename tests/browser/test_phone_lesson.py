@@ -6,7 +6,6 @@ import pytest
 from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL, serious_findings
 from phone_stage import PhoneScene, Sniffer, performer
 
-from common.errors import LabanmeshError
 from hub.phone.phone_messages import read_message
 
 LEARN_S = 120.0
@@ -17,13 +16,7 @@ WIDTH, HEIGHT = 390, 844
 
 
 @pytest.fixture
-def scene(tmp_path):
-    from hub.phone.pose_model_file import data_folder, read_files
-
-    try:
-        read_files(data_folder())
-    except LabanmeshError as error:
-        pytest.skip(str(error))
+def scene(pose_model, tmp_path):
     with PhoneScene(tmp_path, labels=()) as running:
         yield running
 

@@ -11,7 +11,6 @@ from phone_stage import BUSY_S, PhoneScene, ages_ms, performer
 from played_scene import ROOT, environment
 from processes import labanmesh
 
-from common.errors import LabanmeshError
 from common.messages import VerdictMessage
 from common.wire import decode
 
@@ -28,13 +27,7 @@ LABELS = ("wave", "both")
 
 
 @pytest.fixture
-def scene(tmp_path):
-    from hub.phone.pose_model_file import data_folder, read_files
-
-    try:
-        read_files(data_folder())
-    except LabanmeshError as error:
-        pytest.skip(str(error))
+def scene(pose_model, tmp_path):
     with PhoneScene(tmp_path, labels=()) as running:
         yield running
 
