@@ -8,7 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
 from observer.people_rows import detection_of, rows_of_people
-from observer.tracking.person_keeper import PersonKeeper
+from observer.tracking.person_keeper import PersonKeeper, seen_people
 from observer.tracks import Frame, Tracks
 
 LARGEST_COORDINATE = 1e12
@@ -89,4 +89,4 @@ class ForeignPeople:
             bodies += [] if body is None else [body]
         persons = self._keeper.update(bodies, frame.at_ns)
         nobody = np.full((len(self.body_parts), 2), np.nan)
-        return Tracks(persons[0].centres if persons else nobody, persons=persons)
+        return Tracks(persons[0].centres if persons else nobody, people=seen_people(persons), persons=persons)

@@ -11,7 +11,7 @@ import numpy as np
 from observer.geometry.projection import Floats, oriented, project
 from observer.geometry.views import View
 from observer.people_rows import detection_of, rows_of_people
-from observer.tracking.person_keeper import Detection, PersonKeeper
+from observer.tracking.person_keeper import Detection, PersonKeeper, seen_people
 from observer.tracks import Frame, Tracks
 
 TRUNK_M, HEAD_M = 0.16, 0.12
@@ -31,7 +31,7 @@ class ProjectedPeople:
         bodies = [body for n, _ in enumerate(people) if (body := self._seen(people, n)) is not None]
         persons = self._keeper.update(bodies, frame.at_ns)
         nobody = np.full((len(self.body_parts), 2), np.nan)
-        return Tracks(persons[0].centres if persons else nobody, persons=persons)
+        return Tracks(persons[0].centres if persons else nobody, people=seen_people(persons), persons=persons)
 
     def _seen(self, people: Sequence[Floats], n: int) -> Detection | None:
         """What is seen of one of them; None if that is too little."""

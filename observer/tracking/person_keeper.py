@@ -18,7 +18,8 @@ import numpy as np
 from common import SECOND_NS
 from common.matching import best_matching
 from observer.tracking.company import GROWTH, MERGED, OTHER_S, SPEED, STEP
-from observer.tracks import Floats, PersonTracks
+from observer.tracking.people import Body
+from observer.tracks import Floats, PersonTracks, SeenPeople
 
 JUMP = 0.1
 """Half of the parts of one who goes on are nearer to where they are expected: plus SPEED / 2 each second."""
@@ -131,6 +132,12 @@ class PersonKeeper:
     def _new_id(self) -> int:
         self._last_id += 1
         return self._last_id
+
+
+def seen_people(persons: Sequence[PersonTracks]) -> SeenPeople:
+    """Frames around these people, of whom the first is the one whose tracks a recording keeps."""
+    outlines = [Body(person.u, person.v, person.height).outline for person in persons]
+    return SeenPeople(outlines[0] if outlines else None, tuple(outlines[1:]))
 
 
 def _pose_distance(track: _Followed, body: Detection, at_ns: int) -> float:

@@ -15,11 +15,11 @@ import numpy as np
 from observer.camera.base import require_picture
 from observer.tracking.company import GROWTH, SPEED, STEP
 from observer.tracking.people import Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
-from observer.tracking.person_keeper import Detection, PersonKeeper
+from observer.tracking.person_keeper import Detection, PersonKeeper, seen_people
 from observer.tracking.pose import COMPLAINT, NOBODY_S, Hand, landmarks_of, read_pose, require_hand
 from observer.tracking.search_areas import Sweep
 from observer.tracking.sides import SideKeeper
-from observer.tracks import WHOLE_BODY, Frame, SeenPeople, Tracks
+from observer.tracks import WHOLE_BODY, Frame, Tracks
 
 SEARCH_S, NEWCOMER_S = 0.3, 1.0
 """Time between two searches while somebody was lost or nobody is followed, and while all are followed who were seen."""
@@ -86,11 +86,9 @@ class SeveralPoses:
                 poses += self._search(rgb, [pose.body for _, pose in poses], squares)
         detections = [self._detection(one, pose, size) for one, pose in poses]
         persons = self._keeper.update(detections, frame.at_ns)
-        outlines = [Body(person.u, person.v, person.height).outline for person in persons]
-        people = SeenPeople(outlines[0] if outlines else None, tuple(outlines[1:]))
         nobody = np.full((len(self._rows), 2), np.nan)
         self._someone_ms = self._ms if poses else self._someone_ms
-        return Tracks(persons[0].centres if persons else nobody, people=people, persons=persons)
+        return Tracks(persons[0].centres if persons else nobody, people=seen_people(persons), persons=persons)
 
     def close(self) -> None:
         """Release the threads of the models; no picture may follow."""
@@ -143,6 +141,10 @@ class SeveralPoses:
         if pose is None or not pose.body.resembles(body, 2.0) or pose.body.distance(body) > body.height / 2:
             one.body = None
             return None
+        # Again about where the landmarks lie, as in every later picture: in a wide picture the detector, which sees the
+        # person small, misses the crop by several pixels.
+        one.model.restart()
+        pose = one.model.pose(rgb, pose.body, self._ms) or pose
         one.body, one.seen_ms, one.sides = pose.body, self._ms, SideKeeper()
         return one, pose
 

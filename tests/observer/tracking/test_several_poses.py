@@ -124,3 +124,23 @@ def test_an_empty_room_is_complained_of(film):
         assert film.show() == {}
     assert "finds nobody" in film.tracker.complaint
     assert tuple(film.tracker.body_parts) == WHOLE_BODY
+
+
+class Coarse(Drawn):
+    """Its detector is 30 px beside the person; a pose is off by a third of how far the place it was told is."""
+
+    def find(self, rgb, area, ms):
+        return [Body(body.u + 30, body.v, body.height) for body in super().find(rgb, area, ms)]
+
+    def pose(self, rgb, body, ms):
+        seen = super().pose(rgb, body, ms)
+        error = (body.u - seen.body.u) / 3
+        moved = seen.landmarks + np.array([error / SIZE[0], 0, 0])
+        return Pose(moved, Body(seen.body.u + error, seen.body.v, seen.body.height))
+
+
+def test_the_first_pose_of_somebody_does_not_have_the_detectors_error():
+    tracker = SeveralPoses(Coarse, "drawn", 2)
+    tracks = tracker.update(Frame(0, picture({60: 150, 90: 450})))
+    assert sorted(p.u for p in tracks.persons) == pytest.approx([150, 450], abs=4)
+    tracker.close()
