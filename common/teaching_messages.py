@@ -32,6 +32,8 @@ TeachCommand = Literal[
 ]  # fmt: skip
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
+Side = Literal["left", "middle", "right"]
+"""Where in the picture somebody is among the people who are seen."""
 Text = Annotated[str, Field(max_length=TEACHING_TEXT_LIMIT), Printable]
 Person = Annotated[str, Field(max_length=PERSON_LIMIT), Printable]
 Seconds = Annotated[FiniteFloat, Field(ge=0)]
@@ -93,7 +95,8 @@ class Unwanted:
 class TakeReport(MessagePart):
     """The take that is recorded now, or the last one. seconds: of it so far. fault: why it was not kept.
 
-    people: the most people who were in the picture for a while during the take; 0 if the tracker does not tell.
+    people: the most people who were in the picture for a while during the take; 0 if the tracker does not tell. side:
+    of the picture on which the one was, among these, whose take it is.
     """
 
     label: Label
@@ -102,6 +105,7 @@ class TakeReport(MessagePart):
     seconds: Seconds = 0.0
     fault: Text = ""
     people: Count = 0
+    side: Side | None = None
 
 
 class TakeDoubt(MessagePart):
@@ -185,7 +189,8 @@ class TeachReply(Message):
     stands still. complaint: of its tracker.
     takes: the numbers of the takes of each movement on its disk; other_s: seconds of something else there. labels: the
     movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for. people:
-    how many are in the picture now; None if the tracker does not tell. claps: how often somebody has clapped their
+    how many are in the picture now; None if the tracker does not tell. side: of the picture on which the one is, among
+    these, who is taught; None if nobody else is there. claps: how often somebody has clapped their
     hands since the observer began to watch for it. doubts: what `check` found. corrected, forgotten: in the answer
     to `correct` and to `forget`, what was done. persons: whose recordings are on its disk,
     SOMEONE among them, and how many of each movement ("": something else). earlier: in the answer to `earlier` and
@@ -209,6 +214,7 @@ class TeachReply(Message):
     corrected: CorrectedReport | None = None
     forgotten: ForgottenReport | None = None
     people: Count | None = None
+    side: Side | None = None
     claps: Count = 0
     doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)
     earlier: list[EarlierTakes] = Field(default_factory=list, max_length=EARLIER_LIMIT)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import threading
 
+    from common.teaching_messages import Side
+
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Integers = NDArray[np.int64]
@@ -87,6 +89,15 @@ class SeenPeople:
     def count(self) -> int:
         """How many people are seen."""
         return len(self.others) + (self.followed is not None)
+
+    @property
+    def side(self) -> "Side | None":
+        """Where in the picture the followed person is among the others; None without others."""
+        if self.followed is None or not self.others:
+            return None
+        lefts = [other.left + other.right for other in self.others]
+        own = self.followed.left + self.followed.right
+        return "left" if own < min(lefts) else "right" if own > max(lefts) else "middle"
 
 
 @dataclass(frozen=True, slots=True)

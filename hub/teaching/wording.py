@@ -8,6 +8,7 @@ from common.vocabulary import ABSTAIN
 from hub.teaching.interface import Step
 
 SIGN_NAMES = {"now": "now", "key": "press a key", "clap": "clap", "still": "stand still"}
+AT = {"left": "on the left", "middle": "in the middle", "right": "on the right"}
 LEAST_S = 6.0
 """A shorter time tells nothing about false alarms."""
 ALIKE_SHARE = 0.2
@@ -32,7 +33,10 @@ NO_RIGHT = (
 def presence_line(name: str, reply: TeachReply) -> str:
     """Whether an observer is ready, in one line."""
     if reply.visible:
-        return f"{name}: sees somebody{f'; {reply.complaint}' if reply.complaint else ''}"
+        seen = f"sees somebody{f'; {reply.complaint}' if reply.complaint else ''}"
+        if reply.side is not None:
+            seen = f"sees {plural(reply.people or 2, 'person', 'people')} and learns from the one {AT[reply.side]}"
+        return f"{name}: {seen}"
     return f"{name}: {reply.complaint or 'sees nobody: stand where it sees head and hands'}"
 
 
@@ -72,11 +76,13 @@ def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:
 
 def crowd_lines(replies: Mapping[str, TeachReply]) -> list[str]:
     """The lines if another person was in the last take."""
-    people = {name: reply.take.people for name, reply in replies.items() if reply.take and reply.take.people > 1}
-    if not people:
+    takes = {name: reply.take for name, reply in replies.items() if reply.take and reply.take.people > 1}
+    if not takes:
         return []
     places = ", ".join(
-        f"{plural(count, 'person', 'people')} in the picture of {name}" for name, count in people.items()
+        f"{plural(take.people, 'person', 'people')} in the picture of {name}"
+        + (f", the take is of the one {AT[take.side]}" if take.side else "")
+        for name, take in takes.items()
     )
     return [f"{places}: is the take yours? r makes it again"]
 

@@ -22,6 +22,7 @@ from common.teaching_messages import (
     TEACHING_TEXT_LIMIT,
     UNSEEN,
     ShownTracks,
+    Side,
     TakeReport,
     TakeState,
     TeachRequest,
@@ -52,7 +53,7 @@ class CurrentTake:
     """The take that is recorded now. watch: its begin and end; None for something else.
 
     piece_ns: begin of the piece of something else that is not written yet. people: the most people that were in the
-    picture for a while.
+    picture for a while. side: of the picture on which the one whose take it is was among them.
     """
 
     label: str
@@ -61,6 +62,7 @@ class CurrentTake:
     watch: TakeWatch | None
     piece_ns: int = 0
     people: int = 0
+    side: Side | None = None
 
     def is_asked_by(self, request: TeachRequest) -> bool:
         """Whether the request is about this take."""
@@ -96,14 +98,18 @@ class TakeRecorder:
         return self._people.now
 
     @property
+    def side(self) -> Side | None:
+        """On which side of the picture the one is, among several people, whose tracks are recorded."""
+        return self._people.side
+
+    @property
     def report(self) -> TakeReport | None:
         """The take that is recorded now, or the last one."""
         current = self.current
         if current is None or current.watch is None:
             return self._last
         state: TakeState = "waiting" if current.watch.phase == "waiting" else "moving"
-        seconds = current.watch.seconds
-        return TakeReport(label=current.label, take=current.take, state=state, seconds=seconds, people=current.people)
+        return self._report(current, state, current.watch.seconds)
 
     def shown(self, request: TeachRequest) -> ShownTracks | None:
         """The take that a request names; without a label what is seen now. None: there is none."""
@@ -124,6 +130,7 @@ class TakeRecorder:
         if current is None:
             return
         current.people = max(current.people, self._people.lasting)
+        current.side = self._people.side or current.side
         if current.watch is None:
             if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
                 self._write_piece(current, at_ns)
@@ -186,9 +193,13 @@ class TakeRecorder:
             except LabanmeshError as error:
                 fault = fault_line(error)
         state: TakeState = "failed" if fault else "kept"
-        self._last = TakeReport(
-            label=current.label, take=current.take, state=state, seconds=seconds, fault=fault, people=current.people
-        )
+        self._last = self._report(current, state, seconds, fault)
+
+    def _report(self, current: CurrentTake, state: TakeState, seconds: float, fault: str = "") -> TakeReport:
+        return TakeReport(
+            label=current.label, take=current.take, state=state, seconds=seconds, fault=fault, people=current.people,
+            side=current.side,
+        )  # fmt: skip
 
     def _keep(self, current: CurrentTake, begin_ns: int, end_ns: int) -> float:
         """Write a take without the rest before and after it; returns its length in seconds."""
@@ -221,6 +232,8 @@ class PeopleCount:
 
     def __init__(self) -> None:
         self.now: int | None = None
+        self.side: Side | None = None
+        """Of the picture on which the one is whose tracks are recorded, among several."""
         self._since_ns: int | None = None
         self._newest_ns = 0
 
@@ -234,6 +247,7 @@ class PeopleCount:
     def update(self, at_ns: int, tracks: Tracks) -> None:
         """Take in one frame."""
         self.now, self._newest_ns = None if tracks.people is None else tracks.people.count, at_ns
+        self.side = None if tracks.people is None else tracks.people.side
         self._since_ns = None if (self.now or 0) < 2 else min(self._since_ns or at_ns, at_ns)
 
 

@@ -234,6 +234,7 @@ class Teaching:
             corrected=self._corrected,
             forgotten=self._forgotten,
             people=self._recording.people if sees else None,
+            side=self._recording.side if sees else None,
             claps=self._recording.claps,
             persons=_sayable_persons(self._takes.persons),
         )

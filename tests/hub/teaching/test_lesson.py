@@ -22,7 +22,7 @@ class Observer:
         self.faults, self.dies, self.results, self.labels = dict(faults), dies, results or {}, list(labels)
         self.takes, self.other_s, self.alive, self.learned, self.last = {}, 0.0, True, None, None
         self.fault, self.doubts = "", doubts
-        self.visible, self.still, self.claps, self.people = True, 1.0, 0, 1
+        self.visible, self.still, self.claps, self.people, self.side = True, 1.0, 0, 1, None
         self.is_recording, self.can_learn, self.returns = False, can_learn, returns
         self.referenced = 5
 
@@ -41,6 +41,7 @@ class Observer:
                     seconds=1.2,
                     fault=self.faults.get(key, ""),
                     people=self.people,
+                    side=self.side,
                 )
                 if state == "kept":
                     self.takes.setdefault(request.label, []).append(request.take)
@@ -61,7 +62,7 @@ class Observer:
         return TeachReply(
             state=state, fault=self.fault, pictures=True, visible=self.visible, still=self.still, claps=self.claps,
             doubts=list(self.doubts) if request.command == "check" else [], takes=self.takes, other_s=self.other_s,
-            take=self.last, labels=self.labels, learned=self.learned,
+            take=self.last, labels=self.labels, learned=self.learned, people=self.people, side=self.side,
         )  # fmt: skip
 
 
@@ -220,6 +221,15 @@ def test_takes_that_look_like_another_movement_or_show_two_people_are_offered_ag
     assert "wave 2 looks more like clap than like the other takes of wave, from sofa and shelf" in interface.lines
     assert "clap 1 looks more like wave than like the other takes of clap, from shelf" in interface.lines
     assert takes_asked(interface)[4:] == [("wave", 3)] and sofa.takes["wave"] == [1, 3]
+
+
+def test_a_lesson_says_whom_it_teaches_where_several_are_seen():
+    sofa, shelf = Observer(), Observer()
+    sofa.people, sofa.side = 2, "left"
+    lines = teach({"sofa": sofa, "shelf": shelf}).lines
+    assert "sofa: sees 2 people and learns from the one on the left" in lines and "shelf: sees somebody" in lines
+    whose = "2 people in the picture of sofa, the take is of the one on the left: is the take yours? r makes it again"
+    assert lines.count(whose) == 1
 
 
 def test_a_lesson_waits_for_a_teacher_that_was_killed():

@@ -190,9 +190,14 @@ def test_several_people_in_a_take_are_reported_when_they_stay(room):
         assert room.ask("begin", label="wave", take=take).people is None
         room.pass_s(seconds, people=two), room.pass_s(1.5, moving=True), room.pass_s(1.5)
         report = room.ask("status").take
-        assert (report.state, report.people) == ("kept", take)
+        assert (report.state, report.people, report.side) == ("kept", take, "left")
     room.pass_s(0.5, people=two)
-    assert room.ask("status").people == 2
+    reply = room.ask("status")
+    assert (reply.people, reply.side) == (2, "left")
+    room.pass_s(0.5, people=SeenPeople(Outline(40, 0, 50, 10), two.others))
+    assert room.ask("status").side == "right"
+    room.pass_s(0.5, people=SeenPeople(two.followed))
+    assert room.ask("status").side is None
 
 
 def test_claps_are_counted(room):
