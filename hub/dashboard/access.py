@@ -125,8 +125,8 @@ class AccessControl:
             return False
         return hmac.compare_digest(word, self._teach_token) or hmac.compare_digest(word, self.teach_key.encode())
 
-    def may_show_codes(self, authorization: str) -> bool:
-        """Whether a request that may read may also see the codes by which phones become cameras."""
+    def may_change(self, authorization: str) -> bool:
+        """Whether a request that may read may also see the codes by which phones become cameras, and name people."""
         return self._token is None or self.admits_teaching(authorization)
 
     def wait_s(self, address: str) -> int:

@@ -11,10 +11,11 @@ from starlette.routing import Route
 
 from common import MS_NS
 from common.clip_name import clip_parts, safe_word
+from common.errors import LabanmeshError
 from hub.dashboard.access import NO_STORE, static_page
-from hub.database import DatabaseFault
 from hub.history.history_file import HistoryFile, HistoryQuery
 from hub.history.records import PAGE_FIELDS, ROW_KINDS
+from hub.people_names_file import PeopleNames
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -47,15 +48,17 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
             query = _query(request.query_params)
             with HistoryFile.to_read(scene.place(scene.history.file)) as file:
                 rows, labels = file.select(query), file.labels()
+            names = PeopleNames(scene).names
         except ValueError as error:
             return PlainTextResponse(f"{error}\n", 400, headers)
-        except DatabaseFault as error:
+        except LabanmeshError as error:
             return PlainTextResponse(f"{error}\n", 503, headers)
         answer = {
             "scene": scene.scene,
             "fields": PAGE_FIELDS,
             "rows": [row.as_page() for row in rows],
             "labels": labels,
+            **({"names": dict(names)} if names else {}),
             "clips": clips_of(scene, {row.id for row in rows}) if shows_clips else {},
             "remembered": round(scene.teaching.remember_minutes * MINUTE_MS) if teaches else 0,
         }

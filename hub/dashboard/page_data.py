@@ -4,9 +4,10 @@ All values are text, finite numbers or null, and text is bounded, whatever a pee
 them (static/page.js).
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import islice
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from common import MS_NS
@@ -37,7 +38,7 @@ class PageSetup:
 
     pictures: the observers whose live pictures are switched on, and how many a second. teaches: there is a Teach page.
     file: the scene file, as it is written in a command; "" of a capture. sure: the probability that a verdict needs.
-    phones: the observers that see through a phone. history: there is a day page.
+    phones: the observers that see through a phone. history: there is a day page. names: of people, by person, now.
     """
 
     scene: str
@@ -51,6 +52,7 @@ class PageSetup:
     sure: float = 0.6
     phones: tuple[str, ...] = ()
     history: bool = False
+    names: Callable[[], Mapping[str, str]] = dict
 
 
 def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
@@ -70,14 +72,14 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
             name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
             for name, each in setup.positions.items()
         },
-        "state": state_data(history),
+        "state": state_data(history, setup.names()),
         "verdicts": [verdict_data(each, history, setup.quorum) for each in history.verdicts],
         "minute": [_point(each) for each in history.minute],
     }
 
 
-def state_data(history: "SceneHistory") -> Json:
-    """The scene now; what a judgement says is null before the first one."""
+def state_data(history: "SceneHistory", names: Mapping[str, str] = MappingProxyType({})) -> Json:
+    """The scene now; what a judgement says is null before the first one. names: of people, by person."""
     state = history.state
     judgement, observers = state.judgement, state.observers
     shown = LABELS_SHOWN if len(observers) <= CROWD else 1
@@ -100,6 +102,7 @@ def state_data(history: "SceneHistory") -> Json:
         **_manner(None if state.waiting else judgement),
         "observers": [_observer(each, history, shown) for each in observers],
         **({"people": [_person(each) for each in state.people]} if state.people else {}),
+        **({"names": dict(names)} if names else {}),
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,
         "same_ids": in_words(state.same_ids),

@@ -44,7 +44,7 @@ def phone_routes(scene: "Scene", access: AccessControl) -> list[Route]:
         authorization = request.headers.get("authorization", "")
         if is_foreign(request):
             return PlainTextResponse("This request comes from another page.\n", 403, headers)
-        if not access.may_show_codes(authorization):
+        if not access.may_change(authorization):
             access.record_wrong(address_of(request), authorization)
             await asyncio.sleep(WRONG_TOKEN_S if authorization else 0.0)
             return PlainTextResponse("The token of the Teach page is missing or wrong.\n", 403, headers)

@@ -3,9 +3,9 @@
 import asyncio
 import socket
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import uvicorn
@@ -19,10 +19,12 @@ from hub.dashboard.connections import accept_connections, protocol_in, table_for
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.history_routes import history_routes
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
+from hub.dashboard.people_routes import people_routes
 from hub.dashboard.phone_routes import phone_routes
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
 from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
+from hub.people_names_file import PeopleNames
 from hub.rights import has_right
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
@@ -67,6 +69,7 @@ def follow(
     stream: LiveStream,
     go_on: Callable[[], bool],
     record: Callable[[SceneUpdate], None],
+    names: Callable[[], Mapping[str, str]] = dict,
 ) -> None:
     """Publish to `stream` what happens in `scene` while `go_on()`: verdicts at once, the state ten times a second."""
     presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
@@ -82,7 +85,7 @@ def follow(
         every_ns = CROWD_EVERY_NS if len(history.state.observers) > CROWD else STATE_EVERY_NS
         if abs(now_ns - sent_ns) >= every_ns or before is not history:
             sent_ns = now_ns
-            stream.publish(history, verdict, event("state", state_data(history)))
+            stream.publish(history, verdict, event("state", state_data(history, names())))
         elif verdict is not None:
             stream.publish(history, verdict)
 
@@ -98,8 +101,10 @@ def serve_scene(
     """Show the live `scene`; returns when `run` is over."""
 
     async def main() -> None:
+        people = PeopleNames(scene)
+        page = replace(setup, names=lambda: people.names)
         pictures = PictureRelay(scene.keys, setup.pictures, link, has_right(scene, "pictures"))
-        stream = LiveStream(setup, first_history(scene), run.alive)
+        stream = LiveStream(page, first_history(scene), run.alive)
         with _teach_page(access, scene, link, setup.file) as (teach, note):
             faults: list[BaseException] = []
 
@@ -109,7 +114,7 @@ def serve_scene(
 
             def listen_to_mesh() -> None:
                 try:
-                    follow(scene, link, stream, lambda: not run.ended.is_set(), record)
+                    follow(scene, link, stream, lambda: not run.ended.is_set(), record, page.names)
                 except BaseException as error:  # noqa: BLE001 - raised in the main thread below
                     faults.append(error)
                     run.stop.set()
@@ -119,6 +124,7 @@ def serve_scene(
             try:
                 rights = has_right(scene, "history"), has_right(scene, "pictures")
                 more = [*history_routes(scene, access.teaches, *rights), *phone_routes(scene, access)]
+                more += people_routes(people, access)
                 app = application(
                     access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, more
                 )

@@ -133,7 +133,7 @@ class TeachPage:
                 return PlainTextResponse("This request comes from another page.\n", 403)
             if request.headers.get("content-type", "").partition(";")[0] != "application/json":
                 return PlainTextResponse("application/json is expected.\n", 415)
-            fields = await _json(request)
+            fields = await json_of(request)
             await run_in_threadpool(act, fields)
             return Response(status_code=204)
 
@@ -219,7 +219,7 @@ def is_foreign(request: Request) -> bool:
     return origin is not None and urlsplit(origin).netloc != request.headers.get("host", "")
 
 
-async def _json(request: Request) -> dict[str, Any]:
+async def json_of(request: Request) -> dict[str, Any]:
     """The JSON object in the body; raises BadInput."""
     body = await body_of(request, BODY_LIMIT)
     if len(body) > BODY_LIMIT:

@@ -1,6 +1,6 @@
 // The day page: what the hub's machine has kept of one day, as a strip and as a list.
 import { $, draw, hide, make, put, stored } from "./elements.js";
-import { age, agree, clock, count, nameOf, percent, ofPerson, scoreWords, words } from "./words.js";
+import { age, agree, clock, count, learnNames, nameOf, percent, ofPerson, scoreWords, words } from "./words.js";
 
 const MINUTE_MS = 60000, PAGE = 200, AGAIN_MS = 10000;
 const shown = { rows: [], remembered: 0, clips: {}, number: PAGE };
@@ -24,6 +24,7 @@ async function load() {
     shown.rows = whole.rows.map((row) => Object.fromEntries(row.map((value, n) => [whole.fields[n], value])));
     shown.remembered = whole.remembered;
     shown.clips = whole.clips;
+    learnNames(whole.names);
     layLabels(whole.labels);
     show();
   } catch { put($("sum"), "The dashboard does not answer."); }

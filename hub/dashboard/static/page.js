@@ -6,7 +6,7 @@ import { clearCounter, showCounter } from "./counter.js";
 import { showPeople } from "./people.js";
 import { offerPhones } from "./phones.js";
 import { showLast, showList } from "./verdicts.js";
-import { advice, agree, clock, count, labelWords, nameOf } from "./words.js";
+import { advice, agree, clock, count, labelWords, learnNames, nameOf } from "./words.js";
 
 const QUIET_MS = 4000, AGAIN_MS = 1000, LOG_LIMIT = 100;
 const known = { setup: null, state: null, verdicts: [], minute: [], updated: 0 };
@@ -31,6 +31,7 @@ function onSnapshot(whole) {
 }
 function onState(state) {
   known.state = state;
+  if (learnNames(state.names)) showList(known.setup, known.verdicts, null);
   known.updated = performance.now();
   if (state.label !== null && !state.silent) remember([state.now, state.label, state.fused.length ? state.fused[0][1] : 0, state.entropy ?? 0]);
   if (state.head !== undefined) showHead(state.head);

@@ -20,8 +20,15 @@ function listed(names) {
 }
 
 /* Verdicts. */
-/* One of several people, by the name that this browser's user has given them. */
-export const nameOf = (person) => stored(`name-${person}`) || person;
+/* One of several people, by the name that they were given: for everybody who looks, or in this browser. */
+let names = {};
+export function learnNames(given = {}) {
+  const changed = JSON.stringify(given) !== JSON.stringify(names);
+  names = given;
+  return changed;
+}
+export const learnName = (person, name) => learnNames({ ...names, [person]: name });
+export const nameOf = (person) => stored(`name-${person}`) || names[person] || person;
 export const ofPerson = (verdict) => verdict.person ? `${nameOf(verdict.person)}: ` : "";
 export const labelWords = (verdict) => ofPerson(verdict) + (verdict.abstain ? "no agreement" : words(verdict.label));
 export const verdictWords = (verdict) => (verdict.revises === null ? "" : `${words(verdict.revises)} → `) + labelWords(verdict);
