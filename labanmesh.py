@@ -23,8 +23,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import typer
 
-    from common.errors import BadInput
-
 __version__ = "0.1.0"
 PACKAGES = ("common", "observer", "fusion", "hub", "studies", "deploy")
 """Our top-level packages, which lie beside this file."""
@@ -48,35 +46,41 @@ VERBS = {
     "demo": Verb("studies.demo", "demo", "run the whole system on this machine with the data in the package"),
     "init": Verb("deploy.first_scene.commands", "init", "write a commented scene file for the cameras of this machine"),
     "up": Verb("deploy.commands", "up", "start and supervise all processes of a scene file"),
-    "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
-    "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),
-    "doctor": Verb("deploy.doctor.commands", "doctor", "find what is wrong with the machine, the scene and the mesh"),
-    "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
-    "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
     "teach": Verb("hub.teaching.commands", "teach", "teach all observers of a running scene your own movements"),
+    "doctor": Verb("deploy.doctor.commands", "doctor", "find what is wrong with the machine, the scene and the mesh"),
     "watch": Verb("hub.watch", "watch", "show posteriors, weights and verdicts live in the terminal"),
-    "count": Verb("hub.counting.commands", "count", "count the repetitions of a movement live, with a target"),
-    "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
-    "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
-    "hub": Verb(
-        "hub.mqtt.commands", "hub", "pass scenes on: to Home Assistant, to receivers of notifications, to a file"
-    ),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
-    "phone": Verb("hub.phone.commands", "phone", "let a phone be the camera of an observer: only tracks leave it"),
+    "count": Verb("hub.counting.commands", "count", "count the repetitions of a movement live, with a target"),
     "history": Verb("hub.history.commands", "history", "list what happened in a scene, also as CSV or JSON"),
     "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
+    "hub": Verb("hub.mqtt.commands", "hub", "pass scenes on: to Home Assistant, to notifications, to a file"),
+    "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
+    "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
     "camera": Verb("observer.camera.commands", "camera", "look through a camera, calibrate it, record with several"),
+    "phone": Verb("hub.phone.commands", "phone", "let a phone be the camera of an observer: only tracks leave it"),
     "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
     "learn": Verb("observer.learning.commands", "learn", "learn an observer's model for its view from recordings"),
     "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
-    "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
     "score": Verb("studies.scoring.commands", "score", "score performances against takes that show how it is done"),
+    "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
+    "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
+    "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),
+    "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
+    "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
     "completion": Verb("deploy.completion.commands", "completion", "print a script by which Tab completes commands"),
     "new": Verb("deploy.new_package.commands", "new", "write a package of your own: observer, hub or fusion rule"),
 }
+HEADINGS = {
+    "demo": "to begin",
+    "watch": "what happens in a scene",
+    "camera": "cameras, recordings, models",
+    "observe": "on several machines",
+    "completion": "about the command",
+}
+"""Above the verbs of one kind in `labanmesh --help`, by the first of them."""
 
 OTHER_FORMS = {
-    ("doctor", "--ready"): Verb("hub.healthcheck", "ready", "whether a process does its work, for containers"),
+    ("doctor", "--ready"): Verb("deploy.doctor.ready", "ready", "whether a process does its work, for containers"),
     ("evaluate", "--paper"): Verb("studies.commands", "paper", "the paper's experiments beside the paper's tables"),
     ("evaluate", "--effort"): Verb("studies.effort", "effort", "Effort, on actions that were not learned"),
     ("forget", "--labels"): Verb("observer.learning.commands", "forget", "remove movements from a model"),
@@ -193,7 +197,10 @@ def _dispatch(words: Sequence[str]) -> int:
         )
         words = [*replacement.split(), *words[1:]]
     if words[0] not in VERBS and words[0] not in _installed_verbs():
-        raise _unknown(words[0])
+        from common.errors import BadInput
+        from common.text import nearest
+
+        raise BadInput(f"{words[0]!r}: unknown verb; {nearest(words[0], (*VERBS, *_installed_verbs()))}")
     try:
         return _run(words[0], words[1:])
     except ImportError as error:
@@ -207,21 +214,15 @@ def _dispatch(words: Sequence[str]) -> int:
 
 def overview() -> str:
     """The text of `labanmesh --help`, made without importing the package of any verb."""
-    verbs = VERBS | _installed_verbs()
-    width = max(map(len, verbs))
-    lines = [f"  {name:<{width}}  {verb.purpose}" for name, verb in verbs.items()]
-    head = (
-        "labanmesh: several cameras recognise one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
-    )
+    installed = _installed_verbs()
+    headings = HEADINGS | dict.fromkeys([*installed][:1], "of other packages")
+    width, lines = max(map(len, VERBS | installed)), []
+    for name, verb in (VERBS | installed).items():
+        lines += [f"\n{headings[name]}:"] if name in headings else []
+        lines.append(f"  {name:<{width}}  {verb.purpose}")
+    head = "labanmesh: several cameras recognise one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ..."
     begin = "begin with `labanmesh demo`, which needs no camera, or with `labanmesh init`, which finds yours."
     return "\n".join([head, *lines, "", begin, "labanmesh VERB --help explains a verb and shows an example."])
-
-
-def _unknown(verb: str) -> "BadInput":
-    from common.errors import BadInput
-    from common.text import nearest
-
-    return BadInput(f"{verb!r}: unknown verb; {nearest(verb, (*VERBS, *_installed_verbs()))}")
 
 
 def _installed_verbs() -> dict[str, Verb]:
@@ -242,6 +243,9 @@ def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
     forms = [OTHER_FORMS[key] for word in words if (key := (verb, word.partition("=")[0])) in OTHER_FORMS]
     loaded = [*forms, VERBS.get(verb) or _installed_verbs()[verb]][0].load()
     if isinstance(loaded, typer.Typer):
+        for each in loaded.registered_commands:
+            # Typer would cut it off where the line ends.
+            each.short_help = (each.callback.__doc__ or "").partition("\n")[0]
         return loaded
     # Without markup Typer breaks help between words and cuts no option short.
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)

@@ -18,9 +18,8 @@ from common.command_options import ForSeconds
 from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
-from common.plugins import plugins
-from common.text import nearest
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
+from deploy.hubs import EVENTS, hub_words
 from deploy.launcher import Job, Launcher, RestartPolicy
 from deploy.scene_lock import only_once, runtime_folder
 from deploy.start_barrier import open_start_barrier
@@ -29,7 +28,6 @@ START_TOGETHER_S = 2.0
 """Recordings begin this long after the launcher at the earliest: fusion and hubs run then. They begin when the last
 observer is ready, which takes longer if a tracker does."""
 EACH_OBSERVER_S = 0.2
-HUBS = {"mqtt": ("hub", "mqtt"), "dashboard": ("dashboard",)}
 FAILURES_WITH_AN_END = 5
 """A scene that ends by itself gives up a failing observer after so many failures in a row."""
 PORT_TIMEOUT_S = 3.0
@@ -167,17 +165,10 @@ def jobs(path: Path, scene: Scene) -> list[Job]:
     ]
     by_hand = _fed_by_hand(scene)
     observe = [Job(name, [*python, "observe", str(path), name]) for name in scene.roster if name not in by_hand]
-    hubs = [Job(f"[{name}]", [*python, *_hub_words(name), str(path)], lasting=True) for name in scene.hub.start]
+    hubs = [Job(f"[{name}]", [*python, *hub_words(name), str(path)], lasting=True) for name in scene.hub.start]
     if scene.history.file or scene.notify:
-        hubs.append(Job("[events]", [*python, "hub", "events", str(path)], lasting=True))
+        hubs.append(Job("[events]", [*python, *EVENTS, str(path)], lasting=True))
     return [*fuse, *observe, *hubs]
-
-
-def _hub_words(name: str) -> tuple[str, ...]:
-    """The words that start a hub, ours or a verb of an installed package; raises BadInput for an unknown one."""
-    if name not in HUBS and name not in (verbs := plugins("verbs")):
-        raise BadInput(f"hub.start = {name!r}: unknown hub; {nearest(name, (*HUBS, *verbs))}")
-    return HUBS.get(name, (name,))
 
 
 def with_ports(jobs: Sequence[Job], listen: str) -> list[Job]:

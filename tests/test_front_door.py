@@ -103,6 +103,13 @@ def test_help_of_every_verb_has_an_example(run, name):
     assert "\u2026" not in out and all(len(line) <= 80 for line in out.splitlines())
 
 
+@pytest.mark.parametrize("name", ["camera", "hub", "secure"])
+def test_help_of_a_verb_with_sub_verbs_says_in_whole_sentences_what_each_does(run, name):
+    listed = " ".join(run(name, "--help")[1].partition("Commands:")[2].split())
+    for command in VERBS[name].load().registered_commands:
+        assert command.callback.__doc__.partition("\n")[0] in listed
+
+
 @pytest.mark.parametrize(("old", "new"), RENAMED.items())
 def test_the_old_name_of_a_verb_still_answers_with_one_line(run, old, new):
     status, out, err = run(old, "--help")

@@ -2,15 +2,38 @@
 _labanmesh() {
     local word=${COMP_WORDS[COMP_CWORD]} first=${COMP_WORDS[1]} second=${COMP_WORDS[2]} words=
     if [ "$COMP_CWORD" -eq 1 ]; then
-        words="demo init up observe fuse doctor secure router teach watch count capture replay hub dashboard phone history notify camera import learn forget evaluate score completion new"
+        words="demo init up teach doctor watch dashboard count history notify hub capture replay camera phone import learn forget score evaluate observe fuse router secure completion new"
     else
         case "$first $second" in
             "demo "*) words="--motion --subject --output --seed --pixels --no-pixels" ;;
             "init "*) words="--source --look --no-look" ;;
             "up "*) words="--for --exit-when-done" ;;
+            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --beep --no-beep --up --rehearse --was --learn --earlier --restore --film --observer" ;;
+            "doctor "*) words="--json --for --verbose --cameras --observers --ready --process" ;;
+            "watch "*) words="--json --for" ;;
+            "dashboard "*) words="--capture --listen --token-file --teach --for" ;;
+            "count "*) words="--target --once --json --for" ;;
+            "history "*) words="--day --from --to --kind --label --last --csv --json" ;;
+            "notify "*) words="--test" ;;
+            "hub mqtt") words="--remove" ;;
+            "hub events") words="" ;;
+            "hub "*) words="mqtt events" ;;
+            "capture "*) words="--output -o --for" ;;
+            "replay "*) words="--without --rule --quorum --threshold --from --json --onto --speed --only --as-recorded" ;;
+            "camera look") words="--tracker -o --output --frames --pose-model --skin --face --save-skin --view --recording --show" ;;
+            "camera calibrate") words="--board --points --read --lens -o --output --origin --lying --apart --up --every" ;;
+            "camera place") words="--seconds --observers --gate" ;;
+            "camera record") words="-o --output --subject --label --other-motion --trial --seconds --observers --rate --tracks --body-parts --gate --up --front --trim" ;;
+            "camera "*) words="look calibrate place record" ;;
+            "phone "*) words="--listen --host --certificate --teach --no-teach --list --revoke --fetch --from --for" ;;
+            "import "*) words="-o --output --seen-from" ;;
+            "learn "*) words="-o --output --view --place --facing --scene --observers --sensor --model --labels --subjects --body-parts --rate --add-to --background --background-labels --name --parameter --effort --known-people --reference --jobs" ;;
+            "forget "*) words="--person --label --all --clips --yes --labels -o --output" ;;
+            "score "*) words="--references --label --subjects --trials --reference-trials --views --report --json" ;;
+            "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --room --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --through --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
             "observe "*) words="--preview" ;;
             "fuse "*) words="--id" ;;
-            "doctor "*) words="--json --for --verbose --cameras --observers --ready --process" ;;
+            "router "*) words="--scene --config" ;;
             "secure init") words="--to" ;;
             "secure add") words="--observer --fusion --hub --hub-of --router --pictures --teach --history --host --days --to" ;;
             "secure renew") words="--host --days --to" ;;
@@ -18,29 +41,6 @@ _labanmesh() {
             "secure list") words="--json --to" ;;
             "secure rules") words="--credentials --listen --to" ;;
             "secure "*) words="init add renew revoke list rules" ;;
-            "router "*) words="--scene --config" ;;
-            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --beep --no-beep --up --rehearse --was --learn --earlier --restore --film --observer" ;;
-            "watch "*) words="--json --for" ;;
-            "count "*) words="--target --once --json --for" ;;
-            "capture "*) words="--output -o --for" ;;
-            "replay "*) words="--without --rule --quorum --threshold --from --json --onto --speed --only" ;;
-            "hub mqtt") words="--remove" ;;
-            "hub events") words="" ;;
-            "hub "*) words="mqtt events" ;;
-            "dashboard "*) words="--capture --listen --token-file --teach --for" ;;
-            "phone "*) words="--listen --host --certificate --teach --no-teach --list --revoke --fetch --from --for" ;;
-            "history "*) words="--day --from --to --kind --label --last --csv --json" ;;
-            "notify "*) words="--test" ;;
-            "camera look") words="--tracker -o --output --frames --pose-model --skin --face --save-skin --view --recording --show" ;;
-            "camera calibrate") words="--board --points --read --lens -o --output --origin --lying --apart --up --every" ;;
-            "camera place") words="--seconds --observers --gate" ;;
-            "camera record") words="-o --output --subject --label --other-motion --trial --seconds --observers --rate --tracks --body-parts --gate --up --front --trim" ;;
-            "camera "*) words="look calibrate place record" ;;
-            "import "*) words="-o --output --seen-from" ;;
-            "learn "*) words="-o --output --view --place --facing --scene --observers --sensor --model --labels --subjects --body-parts --rate --add-to --background --background-labels --name --parameter --effort --known-people --reference --jobs" ;;
-            "forget "*) words="--person --label --all --clips --yes --labels -o --output" ;;
-            "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
-            "score "*) words="--references --label --subjects --trials --reference-trials --views --report --json" ;;
             "completion "*) words="" ;;
             "new "*) words="-o --output" ;;
         esac

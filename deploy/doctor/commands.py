@@ -47,7 +47,7 @@ def doctor(
     observers: Annotated[
         str, typer.Option(metavar="IDS", help="Which observers run on this machine; none: no one. Default: all.")
     ] = "",
-    # The command line runs hub.healthcheck with it (labanmesh.py:OTHER_FORMS); here it is for --help.
+    # The command line runs deploy.doctor.ready with it (labanmesh.py:OTHER_FORMS); here it is for --help.
     ready: Annotated[
         bool, typer.Option("--ready", help="Only whether all processes, or one, do their work: doctor --ready --help.")
     ] = False,

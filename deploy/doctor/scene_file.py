@@ -33,6 +33,7 @@ from deploy.doctor.findings import (
     settings_in_force,
     warning,
 )
+from deploy.hubs import hub_words
 
 GROUP: Final = "the scene file"
 PREFLIGHT_S = 10.0
@@ -144,7 +145,7 @@ def _reports(lines: bytes) -> dict[str, PreflightReport]:
 def check_scene(facts: SceneFacts) -> list[Finding]:
     """The findings on a scene file."""
     checks = (
-        *(_whole(facts), _overridden(facts.settings), _observers(facts), _shared(facts)),
+        *(_whole(facts), _overridden(facts.settings), _hubs(facts.scene), _observers(facts), _shared(facts)),
         *(_taught(facts), _vocabularies(facts), _other_motion(facts), _message_size(facts)),
     )
     return [finding for findings in checks for finding in findings]
@@ -168,6 +169,14 @@ def _overridden(settings: Sequence[EffectiveSetting]) -> Iterator[Finding]:
     for setting in settings:
         if setting.origin not in (DEFAULT, FILE):
             yield ok(GROUP, f"{setting.key} = {setting.value}, by the environment variable {setting.origin}")
+
+
+def _hubs(scene: Scene) -> Iterator[Finding]:
+    for name in scene.hub.start:
+        try:
+            hub_words(name)
+        except BadInput as fault:
+            yield from_fault(GROUP, "error", str(fault), WAY_OUT)
 
 
 def _observers(facts: SceneFacts) -> Iterator[Finding]:

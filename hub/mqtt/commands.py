@@ -1,4 +1,4 @@
-"""The verb `labanmesh hub` with its sub-verbs: scenes for home automation."""
+"""The verb `labanmesh hub` with its sub-verbs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,9 +10,11 @@ from common.config import read_scene
 from common.text import plural
 
 hub = sub_verbs(
-    """Pass a scene on to home automation.
+    """Pass scenes on: to Home Assistant, to notifications, to a file.
 
     Example: labanmesh hub mqtt scene.toml
+
+    Example: labanmesh hub events scene.toml
     """
 )
 

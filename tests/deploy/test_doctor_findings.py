@@ -139,10 +139,10 @@ def test_requirements_are_those_of_this_python():
     assert list(requirements(lines, "3.13"))[-1] == Requirement("mediapipe", "<2,>=1.2", "mediapipe")
 
 
-def scene_facts(observers=("a", "b"), certain=True, trouble="", mode="machine", vocabulary=None, **reports):
+def scene_facts(observers=("a", "b"), certain=True, trouble="", mode="machine", vocabulary=None, hubs=(), **reports):
     scene = Scene(
         scene="dojo", observers={name: ObserverConfig(source="m.npz") for name in observers},
-        mesh=MeshConfig(mode=mode), vocabulary=vocabulary,
+        mesh=MeshConfig(mode=mode), vocabulary=vocabulary, hub={"start": hubs},
     )  # fmt: skip
     chosen = {name: reports.get(name, report(name)) for name in observers}
     present = {name: each for name, each in chosen.items() if each is not None}
@@ -179,6 +179,7 @@ LONG = tuple(f"{'m' * 60}{number:03}" for number in range(1100))
          ["b: m: learned for door"]),
         (scene_facts(b=report("b", labels=("x", "z"))), "error", ["learned for [x, z]", "a for [x, y]"]),
         (scene_facts(b=None, trouble="it broke"), "warning", ["b: not examined: it broke", "labanmesh observe s.toml"]),
+        (scene_facts(hubs=["mqttt"]), "error", ["hub.start = 'mqttt': unknown hub", "did you mean mqtt?"]),
         (scene_facts(mode="process"), "error", ["several processes cannot meet in this mode"]),
         (scene_facts(), "ok", ["judgements take up to", "a message holds 64"]),
         (scene_facts(CROWD[:340]), "warning", ["judgements take up to", "before you add"]),

@@ -17,8 +17,8 @@ from prometheus_client.parser import text_string_to_metric_families as plain
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
+from deploy.doctor import ready
 from fusion.server import serve as serve_fusion
-from hub import healthcheck
 from hub.instrumentation import instrumented
 from hub.session import listen
 from labanmesh_testing.mesh import Mesh, running
@@ -214,31 +214,31 @@ def test_a_port_that_is_taken_is_one_line_and_the_process_goes_on(stage, scene, 
     assert "\n" not in line and json.loads(ask(at, "/readyz")[1])["process"] == "cam1"
 
 
-def test_healthcheck_asks_the_process_or_the_mesh(stage, scene, tmp_path, capsys, monkeypatch):
+def test_ready_asks_the_process_or_the_mesh(stage, scene, tmp_path, capsys, monkeypatch):
     at, cameras, *_ = stage
     until(lambda: ask(at["cam1"], "/readyz")[0] == 200)
     path = tmp_path / "s.toml"
     scene(listen=at["cam1"])
-    healthcheck.ready(path)
+    ready.ready(path)
     assert capsys.readouterr().out == f"dojo, observer cam1 at {at['cam1']}: ready\n"
     scene(listen=at["fusion"])
     monkeypatch.setattr(
-        healthcheck.Address, "after", lambda self, n: self.parse(at[("fusion", "cam1", "cam2")[min(n, 2)]], "")
+        ready.Address, "after", lambda self, n: self.parse(at[("fusion", "cam1", "cam2")[min(n, 2)]], "")
     )
-    healthcheck.ready(path, "cam2")
+    ready.ready(path, "cam2")
     assert capsys.readouterr().out == f"dojo, observer cam2 at {at['cam2']}: ready\n"
     with pytest.raises(LabanmeshError, match=r"^mqtt does not answer at .*; is it running"):
-        healthcheck.ready(path, "mqtt")
+        ready.ready(path, "mqtt")
     cameras["cam1"].frozen = True
     until(lambda: ask(at["cam1"], "/readyz")[0] == 503)
     with pytest.raises(LabanmeshError, match=r"^dojo, observer cam1 at \S+: not ready: no frame for 2 s$"):
-        healthcheck.ready(path, "cam1")
+        ready.ready(path, "cam1")
     scene(listen="", endpoint=at["mesh"])
-    healthcheck.ready(path, "cam2")
+    ready.ready(path, "cam2")
     assert capsys.readouterr().out == "dojo: cam2 running\n"
     with pytest.raises(LabanmeshError, match=r"^dojo: cam1: degraded, no frame for \d s$"):
-        healthcheck.ready(path)
+        ready.ready(path)
     with pytest.raises(BadInput, match=r"^--process dashboard: .*; set metrics.listen$"):
-        healthcheck.ready(path, "dashboard")
+        ready.ready(path, "dashboard")
     with pytest.raises(BadInput, match=r"^--process cam3: not in .*; known: cam1, cam2, fusion, .*, events$"):
-        healthcheck.ready(path, "cam3")
+        ready.ready(path, "cam3")

@@ -25,7 +25,8 @@ import deploy
 from common.config import MODELS_VARIABLE, Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
-from deploy.commands import HUBS, jobs
+from deploy.commands import jobs
+from deploy.hubs import HUBS
 from deploy.launcher import Job, Launcher
 
 SUPERVISOR = "http://supervisor"

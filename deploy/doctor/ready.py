@@ -15,6 +15,7 @@ import typer
 from common.address import Address
 from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
+from deploy.hubs import EVENTS, HUBS
 
 if TYPE_CHECKING:
     from common.messages import StatusMessage
@@ -23,7 +24,7 @@ READY_TIMEOUT_S = 3.0
 """A container gives its check five seconds, of which Python needs one to start."""
 ASK_PAUSE_S = 0.05
 MESH_TIMEOUT_S = 2.0
-HUB_PROCESSES = ("mqtt", "dashboard", "events")
+HUB_PROCESSES = (*HUBS, EVENTS[-1])
 
 
 def ready(
@@ -91,8 +92,7 @@ def _result(answer: dict[str, object], address: Address) -> str:
 def _check_mesh(scene: Scene, process: str) -> str:
     from common.link import Link
     from common.messages import StatusMessage
-    from common.wire import BadMessage
-    from hub.session import decode_for_hub
+    from common.wire import BadMessage, decode_from
 
     if process in HUB_PROCESSES and process not in (*scene.roster, *scene.services):
         raise BadInput(f"--process {process}: a hub has no status on the mesh; set metrics.listen")
@@ -104,11 +104,10 @@ def _check_mesh(scene: Scene, process: str) -> str:
         while not statuses.keys() >= {*wanted} and (left_s := end_s - time.monotonic()) > 0:
             for key, payload in link.ask(f"{scene.keys.root}/*/{process or '*'}/status", left_s).items():
                 try:
-                    status = decode_for_hub(scene.keys, key, payload)
+                    status = decode_from(key, StatusMessage, payload)
                 except BadMessage as error:
                     raise LabanmeshError(f"{scene.scene}: unusable status: {error}") from None
-                if isinstance(status, StatusMessage):
-                    statuses[status.id] = status
+                statuses[status.id] = status
             time.sleep(ASK_PAUSE_S)
     faults = [f"{name}: {fault}" for name in wanted if (fault := _fault(statuses.get(name)))]
     if faults:
