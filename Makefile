@@ -106,17 +106,17 @@ clean:           ## remove all environments and everything built
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(VENV) '.[all,dev]' --packages 71
+	@$(environment) $(VENV) '.[all,dev]'
 	@touch $@
 
 $(MEDIAPIPE)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("mediapipe 0.10.21 has wheels for Python 3.11 and 3.12 only, this is " + sys.version.split()[0] + ": make test-mediapipe PYTHON=python3.11") if not (3, 11) <= sys.version_info < (3, 13) else None'
-	@$(environment) $(MEDIAPIPE) '.[mediapipe,dev]' --packages 72 --no-windows
+	@$(environment) $(MEDIAPIPE) '.[mediapipe,dev]' --no-windows
 	@touch $@
 
 $(CAMERAS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt,phone]' --packages 56 --no-windows
+	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt,phone]' --no-windows
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
@@ -126,10 +126,10 @@ $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
 
 $(PEERS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(PEERS) '.[peers,dev]' --packages 64
+	@$(environment) $(PEERS) '.[peers,dev]'
 	@touch $@
 
 $(TRANSPORTS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(TRANSPORTS) '.[transports,all,dev]' --packages 73
+	@$(environment) $(TRANSPORTS) '.[transports,all,dev]'
 	@touch $@

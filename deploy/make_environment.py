@@ -1,13 +1,12 @@
 """Makes the Python environment of a make target and shows how far it is. Nothing is installed yet: standard library.
 
-python deploy/make_environment.py .venv '.[all,dev]' --target test --packages 90
+python deploy/make_environment.py .venv '.[all,dev]' --target test
 
-On a terminal one line is written over and over; elsewhere a line for each step, and one every twenty seconds. All that
-pip prints is in install.log of the environment. A failure ends with one line that says what to do.
+It shows pip's newest line: on a terminal in one line that is written over and over, elsewhere every twenty seconds. All
+that pip prints is in install.log of the environment. A failure ends with one line that says what to do.
 """
 
 import argparse
-import re
 import shutil
 import subprocess
 import sys
@@ -19,28 +18,24 @@ from typing import IO
 
 SHOW_S = 0.3
 PROGRESS_LINE_S = 20.0
-"""Between two lines of one step where the output is no terminal."""
-FETCHED = re.compile(
-    r"\s*(?:Downloading|Using cached|Processing) (?:\S*/)?(\w[\w.]*?)-\d\S*\.(?:whl|gz|zip)(?!\.metadata)"
-    r"(?: \((\S+ .?B)\))?"
-)
-INSTALLING = "Installing collected packages: "
+"""Between two lines where the output is no terminal."""
+LONGEST_LINE = 60
+"""Characters of pip's line that are shown."""
 PIP = ("-m", "pip", "install", "--disable-pip-version-check", "--no-input", "--progress-bar", "off")
 CONTRIB = "from importlib.metadata import version; print(version('opencv-contrib-python'))"
-NO_ANSWER = ("Retrying (Retry", "Failed to establish", "Temporary failure in name resolution", "ConnectionError")
-PIP_WAYS_OUT = (
+WAYS_OUT = (
     (("ensurepip is not", "No module named venv"), "Python has no venv; Debian: apt install python3-venv"),
     (("No space left",), "the disk is full; make room, 3 GB are enough"),
     (("Permission denied", "Read-only file system"), "this folder cannot be written; clone into a folder of your own"),
-    (NO_ANSWER, "no package index answers; check the network, or name a mirror by PIP_INDEX_URL"),
+    (
+        ("Retrying (Retry", "Failed to establish", "Temporary failure in name resolution", "ConnectionError"),
+        "no package index answers; check the network, or name a mirror by PIP_INDEX_URL",
+    ),
 )
 
 
 class InstallFailure(Exception):  # noqa: N818 - the module has no other error
-    """A step failed; the lines are those that its program printed."""
-
-    def __init__(self, lines: Sequence[str]) -> None:
-        super().__init__(reason_of(lines))
+    """A step failed; the text is what its program printed."""
 
 
 class StepDisplay:
@@ -48,20 +43,22 @@ class StepDisplay:
 
     def __init__(self, name: str) -> None:
         self._name, self._terminal = name, sys.stderr.isatty()
-        self._last, self._shown_s = "", 0.0
+        self._begun_s, self._shown_s = time.monotonic(), float("-inf")
 
-    def show(self, text: str, *, new: bool = False) -> None:
-        """Show `text`; `new` begins a step, which is always shown."""
-        if text == self._last:
-            return
+    @property
+    def lasted_s(self) -> float:
+        """Seconds since the beginning."""
+        return time.monotonic() - self._begun_s
+
+    def show(self, text: str) -> None:
+        """Show `text` and the seconds so far."""
+        line = f"{self._name}: {text[:LONGEST_LINE]}, {self.lasted_s:.0f} s"
         if self._terminal:
-            line = f"{self._name}: {text}"[: shutil.get_terminal_size().columns - 1]
+            line = line[: shutil.get_terminal_size().columns - 1]
             print(f"\r\033[K{line}", end="", file=sys.stderr, flush=True)
-        elif new or time.monotonic() - self._shown_s >= PROGRESS_LINE_S:
-            print(f"{self._name}: {text}", file=sys.stderr, flush=True)
-        else:
-            return
-        self._last, self._shown_s = text, time.monotonic()
+        elif self.lasted_s - self._shown_s >= PROGRESS_LINE_S:
+            self._shown_s = self.lasted_s
+            print(line, file=sys.stderr, flush=True)
 
     def end(self, text: str) -> None:
         """The last line, which stays."""
@@ -69,85 +66,34 @@ class StepDisplay:
         print(f"{clear}{self._name}: {text}", file=sys.stderr, flush=True)
 
 
-class PipProgress:
-    """How far pip is, from the lines that it prints and from what lies in the environment."""
-
-    def __init__(self, folder: Path, packages: int) -> None:
-        self._folder, self._expected = folder, packages
-        self._fetched: set[str] = set()
-        self._newest, self._begun_s = "", time.monotonic()
-        self._installing, self._before = 0, self._installed()
-
-    def read(self, line: str) -> None:
-        """Take one line of pip's."""
-        match = FETCHED.match(line)
-        if match:
-            self._fetched.add(match[1])
-            self._newest = f", {match[1]} {match[2] or ''}".rstrip()
-        elif line.startswith(INSTALLING):
-            self._installing = line.count(",") + 1
-        elif NO_ANSWER[0] in line:
-            self._newest = ", no answer from the package index, trying again"
-
-    def text(self) -> str:
-        """The step and how far it is."""
-        after = f"{time.monotonic() - self._begun_s:.0f} s"
-        if self._installing:
-            done = min(max(self._installed() - self._before, 0), self._installing)
-            return f"3 of 3, installing: {done} of {self._installing} packages, {after}"
-        count = len(self._fetched)
-        total = f" of about {self._expected}" if count <= self._expected else ""
-        return f"2 of 3, fetching: {count}{total} packages{self._newest}, {after}"
-
-    def _installed(self) -> int:
-        return len(list(self._folder.glob("lib/python*/site-packages/*.dist-info")))
-
-
-def reason_of(lines: Sequence[str]) -> str:
-    """Why the program that printed `lines` failed and what to do, in one line."""
-    text = "\n".join(lines)
-    for symptoms, way_out in PIP_WAYS_OUT:
+def reason_of(text: str) -> str:
+    """Why the program that printed `text` failed and what to do, in one line."""
+    for symptoms, way_out in WAYS_OUT:
         if any(symptom in text for symptom in symptoms):
             return way_out
-    errors = [line for line in lines if line.lower().startswith("error")]
-    return (errors or [line for line in lines if line.strip()] or ["it printed nothing"])[-1].strip()
+    lines = [line.strip() for line in text.splitlines() if line.strip()] or ["it printed nothing"]
+    return ([line for line in lines if line.lower().startswith("error")] or lines)[-1]
 
 
-def start(command: Sequence[str]) -> subprocess.Popen[str]:
-    """A program of ours, its output and errors together."""
-    return subprocess.Popen(  # noqa: S603 - python of the environment, without a shell
+def run(command: Sequence[str], display: StepDisplay | None = None, log: IO[str] | None = None) -> str:
+    """What a program prints, meanwhile shown line by line and logged; raises InstallFailure."""
+    lines: list[str] = []
+    process = subprocess.Popen(  # noqa: S603 - python of the environment, without a shell
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace"
     )
 
-
-def run(command: Sequence[str]) -> str:
-    """What a short program prints; raises InstallFailure."""
-    with start(command) as process:
-        text, _ = process.communicate()
-    if process.returncode:
-        raise InstallFailure(text.splitlines())
-    return text.strip()
-
-
-def run_pip(command: Sequence[str], log: IO[str], display: StepDisplay, progress: PipProgress) -> None:
-    """Run pip and show how far it is; raises InstallFailure."""
-    lines: list[str] = []
-    process = start(command)
-
     def read() -> None:
         for line in process.stdout or ():
-            log.write(line)
-            lines.append(line.rstrip())
-            progress.read(line)
+            lines.append(line)
+            if log is not None:
+                log.write(line)
 
     reader = threading.Thread(target=read)
     reader.start()
-    step = ""
     try:
         while reader.is_alive():
-            text = progress.text()
-            display.show(text, new=text[:1] != step)
-            step = text[:1]
+            if display is not None and lines:
+                display.show(lines[-1].strip())
             reader.join(SHOW_S)
     finally:
         if reader.is_alive():
@@ -155,17 +101,17 @@ def run_pip(command: Sequence[str], log: IO[str], display: StepDisplay, progress
         status = process.wait()
         reader.join()
     if status:
-        raise InstallFailure(lines)
+        raise InstallFailure("".join(lines))
+    return "".join(lines).strip()
 
 
-def make(folder: Path, package: str, packages: int, no_windows: bool, display: StepDisplay) -> None:
-    """The three steps; raises InstallFailure and OSError."""
-    display.show("1 of 3, an environment of Python (once; some minutes for all three)", new=True)
+def make(folder: Path, package: str, no_windows: bool, display: StepDisplay) -> None:
+    """The environment, and then the packages; raises InstallFailure and OSError."""
+    display.show("an environment of Python (once; some minutes)")
     run([sys.executable, "-m", "venv", str(folder)])
     python = str(folder / "bin" / "python")
     with (folder / "install.log").open("w", encoding="utf-8") as log:
-        progress = PipProgress(folder, packages)
-        run_pip([python, *PIP, "-e", package], log, display, progress)
+        run([python, *PIP, "-e", package], display, log)
         if no_windows:
             # MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without
             # goes on top.
@@ -173,7 +119,7 @@ def make(folder: Path, package: str, packages: int, no_windows: bool, display: S
                 run([python, "-c", "import cv2"])
             except InstallFailure:
                 headless = f"opencv-python-headless=={run([python, '-c', CONTRIB])}"
-                run_pip([python, *PIP, "--force-reinstall", "--no-deps", headless], log, display, progress)
+                run([python, *PIP, "--force-reinstall", "--no-deps", headless], display, log)
 
 
 def main() -> int:
@@ -182,22 +128,20 @@ def main() -> int:
     parser.add_argument("folder", type=Path)
     parser.add_argument("package", help="with its extras, e.g. .[all,dev]")
     parser.add_argument("--target", default="", help="of make, to be given again after a failure")
-    parser.add_argument("--packages", type=int, default=0, help="about how many there are")
     parser.add_argument("--no-windows", action="store_true", help="an OpenCV that needs no libGL, where there is none")
     words = parser.parse_args()
-    display, begun_s = StepDisplay(str(words.folder)), time.monotonic()
-    again = f"make {words.target}".strip()
+    display, again = StepDisplay(str(words.folder)), f"make {words.target}".strip()
     try:
-        make(words.folder, words.package, words.packages, words.no_windows, display)
+        make(words.folder, words.package, words.no_windows, display)
     except KeyboardInterrupt:
         display.end(f"stopped; {again} goes on")
         return 130
     except (InstallFailure, OSError) as error:
         log = words.folder / "install.log"
         details = f" (all that pip printed: {log})" if log.exists() else ""
-        display.end(f"not ready: {reason_of([str(error)])}; then {again} again{details}")
+        display.end(f"not ready: {reason_of(str(error))}; then {again} again{details}")
         return 1
-    display.end(f"ready after {time.monotonic() - begun_s:.0f} s")
+    display.end(f"ready after {display.lasted_s:.0f} s")
     return 0
 
 
