@@ -15,8 +15,8 @@ from common.keys import SceneKeys, observer_of
 from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.same_movement import SameMovement
-from common.wire import BadMessage, decode_from
-from hub.scene_state import MESSAGE_KINDS, SceneMessage, SceneState, SenderRole
+from common.wire import BadMessage, check_vocabulary, decode_from
+from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole, is_abstention
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -170,6 +170,13 @@ class ArrivedVerdict:
 
     verdict: VerdictMessage
     answered: bool
+
+
+def newly_decided(arrived: "deque[ArrivedVerdict]") -> list[str]:
+    """The labels of the verdicts in `arrived`, which is empty afterwards; each movement has one."""
+    taken = [arrived.popleft() for _ in range(len(arrived))]
+    new = [each.verdict for each in taken if not each.answered]
+    return [each.label for each in new if each.stage == "decided" or is_abstention(each)]
 
 
 class SceneListener:

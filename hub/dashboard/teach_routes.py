@@ -41,7 +41,6 @@ from hub.teaching.lesson_data import (
     lesson_server_data,
     plan_of,
     take_number,
-    tracks_data,
     unwanted_of,
 )
 from hub.teaching.lesson_server import LessonServer
@@ -166,7 +165,7 @@ class TeachPage:
 
     async def _now(self, request: Request) -> Response:
         tracks = await run_in_threadpool(self._required.now, request.path_params["observer"])
-        return Response(status_code=204) if tracks is None else _answer(tracks_data(tracks))
+        return Response(status_code=204) if tracks is None else _answer(tracks.model_dump())
 
     async def _take(self, request: Request) -> Response:
         names = request.path_params
@@ -174,7 +173,7 @@ class TeachPage:
         if number is None or not LABEL.match(names["label"]):
             return PlainTextResponse("There is no such take.\n", 404)
         tracks = await run_in_threadpool(self._required.take, names["observer"], names["label"], number)
-        return Response(status_code=204) if tracks is None else _answer(tracks_data(tracks))
+        return Response(status_code=204) if tracks is None else _answer(tracks.model_dump())
 
     def _start(self, fields: dict[str, Any]) -> None:
         lesson_server = self._required

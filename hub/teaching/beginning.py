@@ -1,7 +1,6 @@
 """The sign with which the takes of a movement begin, so that whoever performs needs no keyboard."""
 
-from collections.abc import Callable, Mapping
-from typing import Protocol
+from collections.abc import Mapping
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TeachReply
@@ -31,7 +30,7 @@ def wait_for_sign(how: Begin, participants: Participants, step: Step) -> None:
     interface = participants.interface
     interface.say(f"{step.label}: {HINTS[how]}")
     seen_s = sighted_s = interface.now_s()
-    sign = SIGNS[how]()
+    sign = SIGNS[how]() if how in SIGNS else None
     while interface.now_s() - seen_s < NOBODY_CAME_S:
         interface.show(step)
         if interface.between(step, LOOK_S).kind == "begin":
@@ -44,28 +43,13 @@ def wait_for_sign(how: Begin, participants: Participants, step: Step) -> None:
                 return
         else:
             sighted_s = interface.now_s()
-        if sign.is_given(replies, interface.now_s()):
+        if sign is not None and sign.is_given(replies, interface.now_s()):
             return
     raise LabanmeshError(NOBODY.format(NOBODY_CAME_S / 60))
 
 
-class Sign(Protocol):
-    """What is looked for in the replies of the observers, look by look."""
-
-    def is_given(self, replies: Mapping[str, TeachReply], now_s: float) -> bool:
-        """Whether the sign is given now."""
-
-
-class Key:
-    """Only a key begins."""
-
-    def is_given(self, replies: Mapping[str, TeachReply], now_s: float) -> bool:
-        """Never: keys are no replies."""
-        return False
-
-
 class Clap:
-    """Somebody has clapped since the first look, as one observer saw."""
+    """Whether somebody has clapped since the first look, as one observer saw."""
 
     def __init__(self) -> None:
         self._before: dict[str, int] = {}
@@ -90,4 +74,5 @@ class Still:
         return any(now_s - since_s >= STANDS_S for since_s in self._since_s.values())
 
 
-SIGNS: Mapping[Begin, Callable[[], Sign]] = {"key": Key, "clap": Clap, "still": Still}
+SIGNS: Mapping[Begin, type[Clap | Still]] = {"clap": Clap, "still": Still}
+"""What is looked for in the replies of the observers, look by look; a key is no reply."""

@@ -5,9 +5,8 @@ import threading
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -23,22 +22,6 @@ if TYPE_CHECKING:
     from hub.teaching.rehearsal import Rehearsal
 
 NO_FILE = Path()
-
-
-class BeginOption(StrEnum):
-    """With what the takes of a movement begin."""
-
-    STILL = "still"
-    CLAP = "clap"
-    KEY = "key"
-    NOW = "now"
-
-
-class LearnWhen(StrEnum):
-    """When observers learn from corrections."""
-
-    NOW = "now"
-    LATER = "later"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +72,9 @@ class TeachOptions:
         ),
     ] = None
     begin: Annotated[
-        BeginOption,
+        Literal["still", "clap", "key", "now"],
         typer.Option(help="What begins a movement's takes: you stand still, clap once, or press a key."),
-    ] = BeginOption.STILL
+    ] = "still"
     beep: Annotated[bool, typer.Option("--beep/--no-beep", help="Beep while it counts down.")] = True
     up: Annotated[
         bool, typer.Option("--up", help="If nothing runs yet, run the scene here too, and show it after the lesson.")
@@ -112,7 +95,8 @@ class TeachOptions:
         ),
     ] = None
     learn: Annotated[
-        LearnWhen | None, typer.Option(help="With --was: learn now, the default, or later; alone: learn corrections.")
+        Literal["now", "later"] | None,
+        typer.Option(help="With --was: learn now, the default, or later; alone: learn corrections."),
     ] = None
     earlier: Annotated[
         bool, typer.Option("--earlier", help="List the takes that were set aside when another lesson began.")
@@ -155,7 +139,7 @@ def teach(options: TeachOptions) -> None:
     elif options.was or options.learn is not None:
         from hub.teaching.memory_commands import correct_verdicts
 
-        learn_now = options.learn is not LearnWhen.LATER
+        learn_now = options.learn != "later"
         correct_verdicts(options.scene, options.was or [], options.labels or [], options.person, learn_now=learn_now)
         return
     if options.earlier or options.restore:
@@ -220,7 +204,7 @@ def _plan(options: TeachOptions) -> "LessonPlan":
     lengths = LENGTHS if options.rehearse else {"alarm_s": 30.0}
     plan = LessonPlan(
         options.labels or [], secrets.token_hex(8), options.person or SOMEONE, seconds=options.seconds,
-        add=options.add, test=options.test, begin=options.begin.value, reference=options.reference,
+        add=options.add, test=options.test, begin=options.begin, reference=options.reference,
     )  # fmt: skip
     return replace(plan, **{**lengths, **{name: value for name, value in typed.items() if value is not None}})
 

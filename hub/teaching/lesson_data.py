@@ -1,13 +1,13 @@
 """The JSON of the Teach page: the state of the lesson for the page, and requests from it. Pure."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from common import MS_NS
 from common.errors import BadInput
 from common.message_types import LAST_INTEGER
 from common.messages import VerdictMessage
-from common.teaching_messages import ShownTracks, TeachReply, Unwanted, require_person
+from common.teaching_messages import TeachReply, Unwanted, require_person
 from common.text import nearest
 from common.vocabulary import LABEL, RESERVED
 from hub.scene_state import is_abstention
@@ -29,7 +29,7 @@ TAKE_DIGITS = len(str(LAST_INTEGER)) - 1
 """With so many digits every number fits into a message."""
 TAKE_STEPS = ("ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt")
 MEMORY_STEPS = ("look", "examples")
-ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "begin", "repeat", "drop", "more", "skip", "pause")}
+ACTIONS: dict[str, ActionKind] = {kind: kind for kind in get_args(ActionKind)}
 BEGINS: dict[str, Begin] = {begin: begin for begin in ("still", "clap", "now")}
 
 
@@ -54,11 +54,6 @@ def lesson_server_data(lesson_server: "LessonServer") -> Json:
         "said": [_verdict(each) for each in lesson_server.verdicts],
         "lesson": None if lesson is None else _lesson(lesson),
     }
-
-
-def tracks_data(tracks: ShownTracks) -> Json:
-    """A few frames of tracks: names of the parts, their points, seconds, and the square that they lie in."""
-    return tracks.model_dump()
 
 
 def take_number(text: str) -> int | None:

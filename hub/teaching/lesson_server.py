@@ -21,17 +21,16 @@ from common.link import Link
 from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply, TeachRequest, Unwanted
 from hub.scene_state import SceneState
-from hub.session import ArrivedVerdict, SceneUpdate
+from hub.session import ArrivedVerdict, SceneUpdate, newly_decided
 from hub.teaching.correcting import clock_offsets
 from hub.teaching.forgetting import forget, untouched_line
 from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.moments import fusion_ns
 from hub.teaching.page_interface import MOVED_ON, PageInterface, PageLesson, Purpose
-from hub.teaching.page_memory import MemoryTask, WantedCorrections, corrections_of, learn_from
+from hub.teaching.page_memory import WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants
 from hub.teaching.teaching_client import TeachingClient
-from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import NO_RIGHT, on_a_page
 
 log = logging.getLogger("labanmesh.hub")
@@ -50,7 +49,8 @@ BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
 class LessonServer:
     """Where pages look at the lesson of a scene and press; `close` ends it.
 
-    clock: seconds of a monotonic clock.
+    clock: seconds of a monotonic clock. lesson: that which goes on, or the last one. silent: the observers that run and
+    do not answer. scene_state: what the fusion service says.
     """
 
     def __init__(self, scene: Scene, link: Link, clock: Callable[[], float] = time.monotonic) -> None:
@@ -59,10 +59,10 @@ class LessonServer:
         self._quick_client = TeachingClient(link, scene.keys, answer_s=1.0, attempts=1)
         self._presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
         self._lock = threading.Lock()
-        self._lesson: PageLesson | None = None
+        self.lesson: PageLesson | None = None
         self._replies: dict[str, TeachReply] = {}
-        self._silent: frozenset[str] = frozenset()
-        self._scene_state = SceneState(scene.scene, scene.roster)
+        self.silent: frozenset[str] = frozenset()
+        self.scene_state = SceneState(scene.scene, scene.roster)
         self._arrived: deque[ArrivedVerdict] = deque(maxlen=LESSON_VERDICTS_LIMIT)
         self._looked_s = float("-inf")
         self._own_id, self._closed = secrets.token_hex(8), threading.Event()
@@ -71,24 +71,9 @@ class LessonServer:
         self._thread.start()
 
     @property
-    def lesson(self) -> PageLesson | None:
-        """The lesson that goes on, or the last one."""
-        return self._lesson
-
-    @property
     def observers(self) -> dict[str, TeachReply | None]:
         """The newest reply of every observer of the scene file; None for one that does not run or answer."""
         return {name: self._replies.get(name) for name in self.scene.roster}
-
-    @property
-    def silent(self) -> frozenset[str]:
-        """The observers that run and do not answer."""
-        return self._silent
-
-    @property
-    def scene_state(self) -> SceneState:
-        """What the fusion service says."""
-        return self._scene_state
 
     def looked(self) -> None:
         """A page asks how things stand."""
@@ -96,8 +81,8 @@ class LessonServer:
 
     def note(self, update: SceneUpdate) -> None:
         """Take in what a listener to the scene has received, in its thread."""
-        changed = update.state.labels != self._scene_state.labels or isinstance(update.message, VerdictMessage)
-        self._scene_state = update.state
+        changed = update.state.labels != self.scene_state.labels or isinstance(update.message, VerdictMessage)
+        self.scene_state = update.state
         if isinstance(update.message, VerdictMessage):
             self._arrived.append(ArrivedVerdict(update.message, update.answered))
         if changed:
@@ -106,7 +91,7 @@ class LessonServer:
     @property
     def verdicts(self) -> list[VerdictMessage]:
         """The verdicts that can be corrected, newest first."""
-        state, kept_s = self._scene_state, 60 * self.scene.teaching.remember_minutes
+        state, kept_s = self.scene_state, 60 * self.scene.teaching.remember_minutes
         now_ns = fusion_ns(state, state.now_ns)
         return [each for each in state.verdicts if now_ns - each.began_ns < kept_s * SECOND_NS]
 
@@ -122,14 +107,14 @@ class LessonServer:
     def correct(self, wanted: WantedCorrections) -> None:
         """Learn what movements really were; raises BadInput, one line, if it cannot begin."""
         self._require_teachable()
-        state = self._scene_state
+        state = self.scene_state
         of_verdicts, of_missed = corrections_of(
             wanted, self.verdicts, fusion_ns(state, time.time_ns()), 60 * self.scene.teaching.remember_minutes
         )
-        task = MemoryTask(of_verdicts, of_missed, clock_offsets(state), wanted.person)
 
         def learn_anew(lesson: PageLesson, present: Sequence[str]) -> None:
-            learn_from(self._participants(lesson, present), task, lesson.examples)
+            participants, offsets = self._participants(lesson, present), clock_offsets(state)
+            learn_from(participants, of_verdicts, of_missed, offsets, wanted.person, lesson.examples)
 
         self._begin(secrets.token_hex(8), None, learn_anew, "correct")
 
@@ -172,33 +157,33 @@ class LessonServer:
         if not present:
             raise BadInput("no observer runs; start them with: labanmesh up, and the scene file")
         with self._lock:
-            if self._lesson is not None and not self._lesson.over:
+            if self.lesson is not None and not self.lesson.over:
                 raise BadInput(BUSY)
             self._arrived.clear()
             interface = PageInterface(
-                self._changed, lambda: self._scene_state.labels, lambda: newly_decided(self._arrived)
+                self._changed, lambda: self.scene_state.labels, lambda: newly_decided(self._arrived)
             )
             lesson = PageLesson(lesson_id, plan, interface, purpose)
             lesson.thread = threading.Thread(target=self._run, args=(lesson, present, work), name="lesson", daemon=True)
-            self._lesson = lesson
+            self.lesson = lesson
         self._changed()
         lesson.thread.start()
 
     def press(self, lesson_id: str, number: int, action: Action) -> None:
         """Somebody presses, who saw that step of that lesson; raises BadInput, one line, if it cannot be done."""
-        lesson = self._lesson
+        lesson = self.lesson
         if lesson is None or lesson.over or lesson.id != lesson_id:
             raise BadInput(MOVED_ON)
         lesson.interface.press(number, action)
 
     def stop(self, lesson_id: str) -> None:
         """End the lesson with that id; what was recorded is kept. One that is over is put away."""
-        lesson = self._lesson
+        lesson = self.lesson
         if lesson is None or lesson.id != lesson_id:
             return
         lesson.interface.end()
         if lesson.over:
-            self._lesson = None
+            self.lesson = None
         self._changed()
 
     def now(self, observer: str) -> ShownTracks | None:
@@ -212,7 +197,7 @@ class LessonServer:
     def close(self) -> None:
         """End the lesson and all requests."""
         self._closed.set()
-        lesson = self._lesson
+        lesson = self.lesson
         if lesson is not None and lesson.thread is not None:
             lesson.interface.end()
             lesson.thread.join(LESSON_END_S)
@@ -253,7 +238,7 @@ class LessonServer:
     def _look(self) -> None:
         """Ask the observers for their state while a page is open or a lesson waits: it stays their teacher."""
         while not self._closed.is_set():
-            lesson = self._lesson
+            lesson = self.lesson
             idle_s = self._clock() - self._looked_s
             goes_on = lesson is not None and not lesson.over
             waits = goes_on and lesson is not None and lesson.interface.shown.waits
@@ -271,9 +256,9 @@ class LessonServer:
         alive = self._alive()
         with self._lock:
             replies = {name: each for name, each in {**self._replies, **answers.replies}.items() if name in alive}
-            silent = (self._silent | set(answers.silent)) - set(answers.replies)
-            changed = replies != self._replies or silent != self._silent
-            self._replies, self._silent = replies, frozenset(silent & alive)
+            silent = (self.silent | set(answers.silent)) - set(answers.replies)
+            changed = replies != self._replies or silent != self.silent
+            self._replies, self.silent = replies, frozenset(silent & alive)
         if changed:
             self._changed()
 

@@ -43,17 +43,6 @@ class MissedExample:
     takes: Mapping[str, int]
 
 
-@dataclass(frozen=True, slots=True)
-class MemoryTask:
-    """Corrections of verdicts and of missed movements, in the time of the fusion service. offsets: of the observers'
-    clocks, s."""
-
-    of_verdicts: Sequence[Correction]
-    of_missed: Sequence[Correction]
-    offsets: Mapping[str, float]
-    person: str
-
-
 def corrections_of(
     wanted: WantedCorrections, verdicts: Sequence[VerdictMessage], now_ns: int, remembered_s: float
 ) -> tuple[list[Correction], list[Correction]]:
@@ -73,21 +62,28 @@ def corrections_of(
     )
 
 
-def learn_from(participants: Participants, task: MemoryTask, examples: list[MissedExample]) -> None:
-    """Make examples, show those of missed movements in `examples`, and learn. Raises LabanmeshError if none is left."""
+def learn_from(
+    participants: Participants,
+    of_verdicts: Sequence[Correction],
+    of_missed: Sequence[Correction],
+    offsets: Mapping[str, float],
+    person: str,
+    examples: list[MissedExample],
+) -> None:
+    """Make examples, show those of missed movements in `examples`, and learn. Raises LabanmeshError if none is left.
+
+    offsets: of the observers' clocks, s.
+    """
     made: dict[str, int] = {}
-    for correction in task.of_verdicts:
-        _count(made, _corrected(participants, correction, task))
-    for correction in task.of_missed:
+    for correction in of_verdicts:
+        _count(made, _corrected(participants, correction, offsets, person))
+    for correction in of_missed:
         before = _numbers(participants, correction.label)
-        if _corrected(participants, correction, task):
-            new = {
-                name: numbers - before.get(name, set())
-                for name, numbers in _numbers(participants, correction.label).items()
-            }
-            examples.append(
-                MissedExample(correction.label, {name: max(numbers) for name, numbers in new.items() if numbers})
-            )
+        if _corrected(participants, correction, offsets, person):
+            after = _numbers(participants, correction.label)
+            new = {name: numbers - before.get(name, set()) for name, numbers in after.items()}
+            takes = {name: max(numbers) for name, numbers in new.items() if numbers}
+            examples.append(MissedExample(correction.label, takes))
     _let_choose(participants, examples)
     for example in examples:
         _count(made, example.takes)
@@ -119,10 +115,12 @@ def _drop(participants: Participants, example: MissedExample) -> None:
         participants.request_of("drop", [name], label=example.label, take=number)
 
 
-def _corrected(participants: Participants, correction: Correction, task: MemoryTask) -> Mapping[str, int]:
+def _corrected(
+    participants: Participants, correction: Correction, offsets: Mapping[str, float], person: str
+) -> Mapping[str, int]:
     """The number of examples that each observer made; a moment that no observer remembers gives none."""
     try:
-        return correct(participants, [correction], task.offsets, task.person)
+        return correct(participants, [correction], offsets, person)
     except BadInput:
         raise
     except LabanmeshError:

@@ -7,15 +7,11 @@ import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
 
+from hub.session import SceneListener, newly_decided
 from hub.teaching.big_letters import big
 from hub.teaching.interface import GO, Action, Step
-from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import step_line, without_keys
-
-if TYPE_CHECKING:
-    from hub.session import SceneListener
 
 BEEPS = {"countdown": 1, "now": 2, "kept": 1, "failed": 3, "doubt": 3, "test": 1}
 """Beeps of the terminal's bell: one while it counts down, two to begin, one for a take that is kept, else three."""
@@ -32,7 +28,7 @@ class Terminal:
     keyboard: single keys can be read. beeps: the terminal's bell is rung; never where there is no terminal.
     """
 
-    def __init__(self, stop: threading.Event, listener: "SceneListener", keyboard: bool, beeps: bool = True) -> None:
+    def __init__(self, stop: threading.Event, listener: SceneListener, keyboard: bool, beeps: bool = True) -> None:
         self._stop, self._listener, self._keyboard = stop, listener, keyboard
         self._changing = sys.stdout.isatty()
         self._beeps = beeps and self._changing
