@@ -44,6 +44,12 @@ def content_of(source: str) -> Content:
     return "positions" if Path(source).suffix == ".npz" else "pictures"
 
 
+def is_recording(source: str) -> bool:
+    """Whether a source is a file or a folder: no camera, address, or tracks of another program."""
+    elsewhere = source.isdecimal() or source in (STANDARD_INPUT, PHONE) or "://" in source
+    return not (elsewhere or source.startswith(("/dev/", MESH_KEY)))
+
+
 def chosen_tracker(section: ObserverConfig) -> TrackerChoice:
     """The tracker of an observer; for one that the scene file leaves open, the best that can be used here."""
     if section.tracker != AUTO:

@@ -6,7 +6,7 @@ observer/runtime/start_barrier.py waits at it.
 from pathlib import Path
 
 from common.config import Scene
-from common.tracker_choice import PHONE, STANDARD_INPUT
+from common.tracker_choice import is_recording
 
 
 def open_start_barrier(folder: Path, scene: Scene) -> Path:
@@ -14,12 +14,6 @@ def open_start_barrier(folder: Path, scene: Scene) -> Path:
     barrier = folder / "barrier"
     barrier.mkdir()
     for observer, section in scene.observers.items():
-        if section.speed and _is_recording(section.source):
+        if section.speed and is_recording(section.source):
             (barrier / f"{observer}.awaited").touch()
     return barrier
-
-
-def _is_recording(source: str) -> bool:
-    """Whether a source is a file or a folder: no camera, address, or tracks of another program."""
-    elsewhere = source.isdecimal() or source in (STANDARD_INPUT, PHONE) or "://" in source
-    return not (elsewhere or source.startswith(("/dev/", "zenoh:")))

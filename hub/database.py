@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from common.errors import LabanmeshError
+from common.errors import LabanmeshError, reason_of
 
 BUSY_S = 5.0
 """So long a writer waits for another one."""
@@ -52,7 +52,7 @@ def opened(path: Path, version: int, schema: Sequence[str], *, busy_s: float = B
             try:
                 path.touch(mode=0o600)
             except OSError as error:
-                raise DatabaseFault(f"{path}: {(error.strerror or str(error)).lower()}") from None
+                raise DatabaseFault(f"{path}: {reason_of(error)}") from None
         connection = sqlite3.connect(path, busy_s, isolation_level=None, check_same_thread=False)
         try:
             _prepare(path, connection, version, schema)

@@ -3,7 +3,7 @@
 import socket
 
 from common.address import Address
-from common.errors import LabanmeshError
+from common.errors import LabanmeshError, reason_of
 
 ELSEWHERE = ("192.0.2.1", 9)
 """An address that nobody has (RFC 5737); nothing is sent to it."""
@@ -25,8 +25,6 @@ def bound_socket(address: Address, setting: str) -> socket.socket:
     try:
         return socket.create_server((address.host, address.port), family=family)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise LabanmeshError(
-            f"{setting} = {str(address)!r}: {reason}; stop the other process or choose another port with "
-            "--listen HOST:PORT"
-        ) from None
+        fault = f"{setting} = {str(address)!r}: {reason_of(error)}"
+        way_out = "stop the other process or choose another port with --listen HOST:PORT"
+        raise LabanmeshError(f"{fault}; {way_out}") from None

@@ -91,34 +91,27 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
 
     A check that fails or exceeds its limit_s becomes a finding, so the doctor always answers.
     """
-    began_s = time.monotonic()
-    running = [_RunningCheck(check) for check in checks]
-    return [finding for each in running for finding in each.findings(began_s)]
+    found: dict[int, Sequence[Finding]] = {}
 
-
-class _RunningCheck:
-    """A check in a daemon thread, so that a check that hangs does not keep the process alive."""
-
-    def __init__(self, check: Check) -> None:
-        self._check = check
-        self._findings: Sequence[Finding] | None = None
-        self._thread = threading.Thread(target=self._run, daemon=True, name=f"check {check.group}")
-        self._thread.start()
-
-    def _run(self) -> None:
+    def run(number: int, check: Check) -> None:
         try:
-            self._findings = self._check.run()
+            found[number] = check.run()
         except Exception as error:  # noqa: BLE001 - whatever it is, the other checks have findings
             what = f"the check failed: {type(error).__name__}: {error}"
-            self._findings = [warning(self._check.group, what, "this is a bug in labanmesh: please report it")]
+            found[number] = [warning(check.group, what, "this is a bug in labanmesh: please report it")]
 
-    def findings(self, began_s: float) -> Sequence[Finding]:
-        limit_s = self._check.limit_s
-        self._thread.join(max(0.0, began_s + limit_s - time.monotonic()))
-        if self._findings is None:
-            what = f"the check took longer than {limit_s:g} s"
-            return [warning(self._check.group, what, "try again; is this machine very busy?")]
-        return self._findings
+    began_s, findings = time.monotonic(), list[Finding]()
+    # A daemon thread that hangs does not keep the process alive.
+    threads = [threading.Thread(target=run, args=each, daemon=True) for each in enumerate(checks)]
+    for thread in threads:
+        thread.start()
+    for number, (check, thread) in enumerate(zip(checks, threads, strict=True)):
+        thread.join(max(0.0, began_s + check.limit_s - time.monotonic()))
+        late = warning(
+            check.group, f"the check took longer than {check.limit_s:g} s", "try again; is this machine very busy?"
+        )
+        findings += found.get(number, [late])
+    return findings
 
 
 def _with_scene(

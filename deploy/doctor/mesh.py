@@ -87,17 +87,17 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
     reachable = network.connection is None or network.connection.took_s is not None
     if network.mesh.mode == "process" or not reachable:
         return MeshFacts(network)
-    began_s, listener, mesh = time.monotonic(), listener_for(scene), _connectable(scene.mesh)
+    began_s, (role, process_id) = time.monotonic(), listener_for(scene)
     try:
-        process_id = listener.process_id
-        link = Link.open(mesh, listener.role, timeout_s=OPEN_S, process_id=process_id, scene=scene.scene)
+        mesh = _connectable(scene.mesh)
+        link = Link.open(mesh, role, timeout_s=OPEN_S, process_id=process_id, scene=scene.scene)
         if not _is_connected(link):
             # A session without peers takes seconds to close; do not wait for it.
             threading.Thread(target=link.close, daemon=True, name="close").start()
             return MeshFacts(network)
         with link:
             network = replace(network, zenoh_s=time.monotonic() - began_s)
-            return MeshFacts(network, _traffic(scene, link, for_s), listener.role == "observer")
+            return MeshFacts(network, _traffic(scene, link, for_s), role == "observer")
     except LabanmeshError as error:
         return MeshFacts(replace(network, fault=str(error)))
 

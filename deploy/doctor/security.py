@@ -32,14 +32,6 @@ class SecurityFacts:
     fault: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Listener:
-    """The role and id under which this machine's certificate lets the doctor listen; an observer hears little."""
-
-    role: MeshRole
-    process_id: str = ""
-
-
 def security_facts(network: NetworkFacts) -> SecurityFacts:
     """The facts for a meeting point of which it is known already whether Zenoh answers."""
     mesh = network.mesh
@@ -49,16 +41,19 @@ def security_facts(network: NetworkFacts) -> SecurityFacts:
     return SecurityFacts(mesh, _certificate(mesh), fault)
 
 
-def listener_for(scene: Scene) -> Listener:
-    """Hub if the certificate allows it, else fusion. Without credentials any process can be a hub."""
+def listener_for(scene: Scene) -> tuple[MeshRole, str]:
+    """The role and id under which this machine's certificate lets the doctor listen; an observer hears little.
+
+    Hub if the certificate allows it, else fusion. Without credentials any process can be a hub.
+    """
     certificate = _certificate(scene.mesh)
     if certificate is None or certificate.is_for("hub", scene=scene.scene):
-        return Listener("hub")
+        return "hub", ""
     ids = dict(role.partition(":")[::2] for role in certificate.roles)
     for role in ("fusion", "observer"):
         if role in ids:
-            return Listener(role, ids[role].rpartition("/")[2])
-    return Listener("hub")
+            return role, ids[role].rpartition("/")[2]
+    return "hub", ""
 
 
 def _certificate(mesh: MeshConfig) -> Certificate | None:

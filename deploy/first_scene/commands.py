@@ -16,7 +16,7 @@ import typer
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.text import without_secrets
-from common.tracker_choice import PHONE, STANDARD_INPUT
+from common.tracker_choice import PHONE, is_recording
 from deploy.doctor.cameras import Webcam, webcams
 from deploy.first_scene.scene_text import SCHEMA_FILE, FirstCamera, scene_text
 
@@ -95,8 +95,7 @@ def _named(source: str, file: Path) -> FirstCamera:
     path = Path(source)
     if path.exists() and not str(path).startswith("/dev/"):
         return FirstCamera(os.path.relpath(path, file.parent), "# A recording.", film=True)
-    elsewhere = source.isdecimal() or source in (STANDARD_INPUT, PHONE) or "://" in source
-    if not (elsewhere or source.startswith(("/dev/", "zenoh:"))):
+    if is_recording(source):
         raise BadInput(
             f"--source {without_secrets(source)}: no such file or folder; "
             "name a webcam (0), an address (rtsp://...), a film or phone"

@@ -59,14 +59,6 @@ class Roles(BaseModel):
         """Whether it may listen to `scene`."""
         return self.hub or scene in self.hub_of
 
-    def gets_pictures_in(self, scene: str) -> bool:
-        """Whether it may receive the live pictures of `scene`."""
-        return self.pictures and self.is_hub_in(scene)
-
-    def teaches_in(self, scene: str) -> bool:
-        """Whether it may teach the observers of `scene`."""
-        return self.teach and self.is_hub_in(scene)
-
     def only_in(self, scene: str) -> "Roles":
         """The same roles, for `scene` and no other one."""
         return Roles(

@@ -102,10 +102,10 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
             yield from _reads(keys)
         if roles.is_hub_in(scene.scene):
             yield from _lives(keys.hub_alive("mqtt"))
-        if roles.gets_pictures_in(scene.scene):
+        if roles.pictures and roles.is_hub_in(scene.scene):
             yield _rule("ingress", ["declare_subscriber"], [keys.picture()])
             yield _rule("egress", ["put"], [keys.picture()])
-        if roles.teaches_in(scene.scene):
+        if roles.teach and roles.is_hub_in(scene.scene):
             yield from _queries([keys.teach()])
         if not fusions and roles.is_hub_in(scene.scene):
             yield _rule("ingress", ["query"], [f"{keys.root}/**/handover"], "deny")

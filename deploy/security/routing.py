@@ -29,19 +29,12 @@ from deploy.security.issuing import REGISTER, SECURE_FOLDER, read_register, read
 from deploy.security.router_config import listening, router_config
 
 FileStamp = tuple[int, int, int] | None
+Stamps = tuple[FileStamp, ...]
 RULES_POLL_S = 1.0
 REOPEN_S = 10.0
 """How long a port may stay taken after the session that had it was closed."""
 ROUTER_RETRY_S = 0.1
 log = logging.getLogger("labanmesh.deploy")
-
-
-@dataclass(frozen=True, slots=True)
-class Changes:
-    """The time stamps of the files and of the credentials; they differ after one of them was written."""
-
-    files: tuple[FileStamp, ...]
-    credentials: tuple[FileStamp, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,34 +49,29 @@ class RouterRules:
     files: Callable[[], Sequence[Path]]
     credentials: Sequence[Path] = ()
 
-    def text(self) -> str:
-        """The configuration as it is now, JSON5; raises BadInput or LabanmeshError, one line."""
-        text = self.make()
+    def read(self) -> "Configuration":
+        """The configuration as it is now; raises BadInput or LabanmeshError, one line."""
+        # The time stamps first: a file that is written meanwhile is then noticed as a change.
+        changes, text = self.changes(), self.make()
         Link.check_router(text, self.source)
-        return text
+        return Configuration(text, *changes)
 
-    def changes(self) -> Changes:
-        """When the files and credentials were last written."""
+    def changes(self) -> tuple[Stamps, Stamps]:
+        """When the files and the credentials were last written."""
         try:
             files = self.files()
         except BadInput:  # a folder without scene files
             files = ()
-        return Changes(tuple(map(_stamp, files)), tuple(map(_stamp, self.credentials)))
+        return tuple(map(_stamp, files)), tuple(map(_stamp, self.credentials))
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """A router's configuration as JSON5, and when the files that it was made of were written."""
+    """A router's configuration as JSON5, and when the files that it was made of, and names, were written."""
 
     text: str
-    changes: Changes
-
-    @staticmethod
-    def read(rules: RouterRules) -> "Configuration":
-        """The configuration as it is now; raises BadInput or LabanmeshError, one line."""
-        # The time stamps first: a file that is written meanwhile is then noticed as a change.
-        changes = rules.changes()
-        return Configuration(rules.text(), changes)
+    files: Stamps
+    credentials: Stamps
 
 
 def plain_rules(endpoint: str) -> RouterRules:
@@ -135,7 +123,7 @@ def rules_of_scenes(paths: Sequence[Path], endpoint: str = "") -> RouterRules:
 
 def route(rules: RouterRules, stop: threading.Event, poll_s: float = RULES_POLL_S) -> None:
     """Relay under `rules` until `stop` is set; raises LabanmeshError when they cannot be used at the start."""
-    current = Configuration.read(rules)
+    current = rules.read()
     notifier, timeout_s = Notifier.from_environment(), 0.0
     try:
         while not stop.is_set():
@@ -165,7 +153,7 @@ def _wait_for_change(
     rules: RouterRules, current: Configuration, link: Link, notifier: Notifier, stop: threading.Event, poll_s: float
 ) -> Configuration:
     """Waits until `stop` is set or the configuration is no longer the current one; returns the new one."""
-    last = current.changes
+    last = current.files, current.credentials
     while not stop.wait(poll_s):
         if _answers(link):
             notifier.alive()
@@ -173,12 +161,12 @@ def _wait_for_change(
             continue
         last = now
         try:
-            new = Configuration.read(rules)
+            new = rules.read()
         except LabanmeshError as error:
             log.warning("changed rules cannot be used, the old ones stay in force: %s", error)
             continue
         # A scene file may change in ways that do not concern the router.
-        if new.text != current.text or new.changes.credentials != current.changes.credentials:
+        if new.text != current.text or new.credentials != current.credentials:
             log.info("%s: changed; opening anew", rules.source)
             return new
     return current

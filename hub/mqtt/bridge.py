@@ -10,7 +10,6 @@
 
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
@@ -30,19 +29,6 @@ ALL = "*"
 """In `hub.mqtt.movements`: every movement has a binary sensor, also one that is taught later."""
 MESSAGES_LIMIT = 1000
 """How many verdicts wait for a broker; beyond it the oldest are dropped and counted in `left_out`."""
-
-
-@dataclass(frozen=True, slots=True)
-class _ReceivedVerdict:
-    verdict: VerdictMessage
-    answered: bool
-    at_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class _PendingEvent:
-    publication: Publication
-    since_s: float
 
 
 class SceneBridge:
@@ -76,19 +62,21 @@ class SceneBridge:
         self._status: dict[str, tuple[StatusMessage, float]] = {}
         self._verdict_events = VerdictEvents(topics)
         self.counters = Counters(topics)
-        self._received: deque[_ReceivedVerdict] = deque()
-        self._events: deque[_PendingEvent] = deque()
+        self._received: deque[tuple[VerdictMessage, bool, float]] = deque()
+        """Whether each answers a query, and when it was received."""
+        self._events: deque[tuple[Publication, float]] = deque()
+        """Those that wait for the broker, and since when."""
         self._recalled = False
         self._recalled_ns: int | None = None
 
     def receive(self, verdict: VerdictMessage, now_s: float, answered: bool = False) -> None:
         """Take a verdict; `answered`: it answers a query, and may be long past."""
         self._add_early(self._anticipation.update(verdict, now_s), now_s)
-        self._received.append(_ReceivedVerdict(verdict, answered, now_s))
+        self._received.append((verdict, answered, now_s))
         if not answered:
             self.counters.take(verdict)
-        if len(self._received) > MESSAGES_LIMIT:
-            self._verdict_events.remember(self._received.popleft().verdict)
+        if len(self._received) > WAITING_LIMIT:
+            self._verdict_events.remember(self._received.popleft()[0])
             self.left_out += 1
 
     def recall(self, said_ns: int | None) -> None:
@@ -114,7 +102,7 @@ class SceneBridge:
         self._take_verdicts(state, now_s)
         snapshot = SceneSnapshot(state, tokens, self._status_ages(state, now_s), self._step_s)
         self._anticipate(snapshot, now_s)
-        self._events.extend(_PendingEvent(event, now_s) for event in self.counters.follow(state))
+        self._events.extend((event, now_s) for event in self.counters.follow(state))
         wanted = {topic: RetainedState(payload) for topic, payload in self._entities(state).items()}
         wanted |= self.counters.retained(self._area)
         wanted |= retained_states(self.topics, snapshot, self._observers, self._movements, self._facets)
@@ -129,10 +117,10 @@ class SceneBridge:
 
     def next_event(self, now_s: float) -> Publication | None:
         """The oldest event that the broker has not confirmed, if there is one."""
-        while self._events and now_s - self._events[0].since_s > EVENT_S:
+        while self._events and now_s - self._events[0][1] > EVENT_S:
             self._events.popleft()
             self.left_out += 1
-        return self._events[0].publication if self._events else None
+        return self._events[0][0] if self._events else None
 
     def confirm_event(self) -> None:
         """The broker has the event that `next_event` returned."""
@@ -194,7 +182,7 @@ class SceneBridge:
         self._add_early(words, now_s)
 
     def _add_early(self, words: Iterable[EarlyWord], now_s: float) -> None:
-        self._events.extend(_PendingEvent(early_event(self.topics, word), now_s) for word in words)
+        self._events.extend((early_event(self.topics, word), now_s) for word in words)
 
     def _status_ages(self, state: SceneState, now_s: float) -> dict[str, float]:
         for observer, status in state.observer_status.items():
@@ -207,12 +195,11 @@ class SceneBridge:
             # There was no earlier hub: this one knows everything from here on.
             self._recalled_ns = state.judgement.at_ns
         while self._recalled and self._received:
-            received = self._received.popleft()
-            if received.answered and not self._was_missed(received.verdict, state):
-                self._verdict_events.remember(received.verdict)
+            verdict, answered, at_s = self._received.popleft()
+            if answered and not self._was_missed(verdict, state):
+                self._verdict_events.remember(verdict)
                 continue
-            for publication in self._verdict_events.update(received.verdict):
-                self._events.append(_PendingEvent(publication, received.at_s))
+            self._events.extend((event, at_s) for event in self._verdict_events.update(verdict))
 
     def _was_missed(self, verdict: VerdictMessage, state: SceneState) -> bool:
         """Whether it was published a moment ago while no hub received it; by the fusion machine's clock."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from aiomqtt import Client, MqttCodeError, MqttError, Will
 
 from common.config import MqttConfig, Scene
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from hub.mqtt.bridge import topics_of
 from hub.mqtt.entities import ORIGIN, Topics, bridge_topic, checked_prefix
 from hub.mqtt.states import OFFLINE, ONLINE
@@ -91,7 +91,7 @@ def _password(scene: Scene) -> str | None:
     try:
         password = scene.place(config.password_file).read_text(encoding="utf-8").rstrip("\r\n")
     except (OSError, UnicodeDecodeError) as error:
-        reason = _reason(error) if isinstance(error, OSError) else "not UTF-8 text"
+        reason = reason_of(error) if isinstance(error, OSError) else "not UTF-8 text"
         raise BadInput(f"{key}: {reason}; it must be a file that holds only the password") from None
     if not password or "\n" in password:
         raise BadInput(f"{key}: must hold one line, the password, and holds {len(password.splitlines())}")
@@ -108,7 +108,7 @@ def _tls(scene: Scene) -> ssl.SSLContext | None:
     try:
         return ssl.create_default_context(cafile=str(scene.place(config.ca_file)) if config.ca_file else None)
     except OSError as error:
-        reason = "holds no certificate" if isinstance(error, ssl.SSLError) else _reason(error)
+        reason = "holds no certificate" if isinstance(error, ssl.SSLError) else reason_of(error)
         raise BadInput(f"{key}: {reason}; name the PEM file of the broker's authority") from None
 
 
@@ -142,10 +142,6 @@ def _plain(text: str) -> str:
         if text.startswith(opening):
             text = text.partition("] ")[2]
     return " ".join(text.split()).lower() or "no answer"
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
 
 
 def remove(scene: Scene) -> int:

@@ -119,8 +119,8 @@ def _correct_one(
     span = correction
     for name in participants.observers:
         offset_ns = round(offsets.get(name, 0.0) * SECOND_NS)
-        answers = participants.ask_one(
-            name, "correct", correction=span.id, label=span.label, person=person, from_ns=span.began_ns + offset_ns,
+        answers = participants.request_of(
+            "correct", [name], correction=span.id, label=span.label, person=person, from_ns=span.began_ns + offset_ns,
             to_ns=0 if span.ended_ns is None else span.ended_ns + offset_ns,
         )  # fmt: skip
         reply = answers.replies.get(name)

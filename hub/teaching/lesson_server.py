@@ -16,7 +16,6 @@ from collections.abc import Callable, Collection, Sequence
 from common import SECOND_NS
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError
-from common.keys import observer_of
 from common.link import Link
 from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply, TeachRequest, Unwanted
@@ -30,7 +29,7 @@ from hub.teaching.moments import fusion_ns
 from hub.teaching.page_interface import MOVED_ON, PageInterface, PageLesson, Purpose
 from hub.teaching.page_memory import WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants
-from hub.teaching.teaching_client import TeachingClient
+from hub.teaching.teaching_client import TeachingClient, names_of, presence_of
 from hub.teaching.wording import NO_RIGHT, on_a_page
 
 log = logging.getLogger("labanmesh.hub")
@@ -57,7 +56,7 @@ class LessonServer:
         self.scene, self._clock = scene, clock
         self._client = TeachingClient(link, scene.keys)
         self._quick_client = TeachingClient(link, scene.keys, answer_s=1.0, attempts=1)
-        self._presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
+        self._presence = presence_of(scene, link)
         self._lock = threading.Lock()
         self.lesson: PageLesson | None = None
         self._replies: dict[str, TeachReply] = {}
@@ -153,7 +152,7 @@ class LessonServer:
         work: Callable[[PageLesson, Sequence[str]], None],
         purpose: Purpose = "lesson",
     ) -> None:
-        present = [name for name in self.scene.roster if name in self._alive()]
+        present = names_of(self._presence, self.scene)
         if not present:
             raise BadInput("no observer runs; start them with: labanmesh up, and the scene file")
         with self._lock:
@@ -246,24 +245,20 @@ class LessonServer:
                 lesson.interface.end()
             if waits or (idle_s < TEACHER_LEASE_S and not goes_on):
                 teacher = lesson.id if lesson is not None and waits else self._own_id
-                self._take_in(
-                    self._quick_client.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive()))
-                )
-            self._closed.wait(REPLY_LOOK_S if self._replies else FIRST_S)
+                status = TeachRequest(command="status", teacher=teacher)
+                self._take_in(self._quick_client.ask(status, names_of(self._presence, self.scene)))
+            self._closed.wait(LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:
         """Keep the replies of observers that are alive."""
-        alive = self._alive()
+        alive = names_of(self._presence, self.scene)
         with self._lock:
             replies = {name: each for name, each in {**self._replies, **answers.replies}.items() if name in alive}
             silent = (self.silent | set(answers.silent)) - set(answers.replies)
             changed = replies != self._replies or silent != self.silent
-            self._replies, self.silent = replies, frozenset(silent & alive)
+            self._replies, self.silent = replies, frozenset(silent & set(alive))
         if changed:
             self._changed()
-
-    def _alive(self) -> set[str]:
-        return {observer_of(key) for key in self._presence.alive} & set(self.scene.roster)
 
     def _changed(self) -> None:
         self.version += 1

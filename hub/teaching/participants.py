@@ -73,13 +73,9 @@ class Participants:
         replies = self.ask(self._made("check", labels=self.labels), self.observers).replies
         return {name: reply for name, reply in replies.items() if not reply.fault}
 
-    def request_of(self, command: TeachCommand, observers: Collection[str], **fields: object) -> None:
+    def request_of(self, command: TeachCommand, observers: Collection[str], **fields: object) -> Answers:
         """Ask only these observers, whatever they answer."""
-        self.ask(self._made(command, **fields), observers)
-
-    def ask_one(self, observer: str, command: TeachCommand, **fields: object) -> Answers:
-        """Ask a single observer, whatever it answers."""
-        return self.ask(self._made(command, **fields), [observer])
+        return self.ask(self._made(command, **fields), observers)
 
     def start(self, labels: list[str]) -> Mapping[str, TeachReply]:
         """Start teaching this vocabulary; returns the replies of the observers that can be taught.

@@ -10,7 +10,7 @@ from common.link import Link
 from deploy.doctor.findings import worst
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, network_facts
-from deploy.doctor.security import Listener, check_security, listener_for, security_facts
+from deploy.doctor.security import check_security, listener_for, security_facts
 from deploy.security.issuing import create_authority
 from deploy.security.register import Roles
 from deploy.security.router_config import router_config
@@ -118,4 +118,4 @@ def test_a_key_that_others_can_read_is_reported(place, authority, seen_by):
 
 def test_without_certificates_anybody_listens_as_a_hub(place):
     (place / "open.toml").write_text('scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n')
-    assert listener_for(read_scene(place / "open.toml", {})) == Listener("hub")
+    assert listener_for(read_scene(place / "open.toml", {})) == ("hub", "")
