@@ -65,7 +65,8 @@ def up(
         tempfile.TemporaryDirectory(prefix="labanmesh-") as folder,
     ):
         require_free_ports(config, len(started))
-        start_ns = time.time_ns() + round(playback_delay_s(config) * 1e9)
+        delay_s = START_TOGETHER_S + EACH_OBSERVER_S * len(config.roster)
+        start_ns = time.time_ns() + round(delay_s * 1e9)
         barrier = open_start_barrier(Path(folder), config)
         launcher = Launcher(
             with_ports(started, config.metrics.listen),
@@ -94,11 +95,6 @@ def _set_after(seconds: float | None, stop: threading.Event) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
-
-
-def playback_delay_s(scene: Scene) -> float:
-    """How long after the launcher recordings and films begin at the earliest."""
-    return START_TOGETHER_S + EACH_OBSERVER_S * len(scene.roster)
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,8 +149,11 @@ class Launcher:
         try:
             while not stop.is_set() and not self._is_hopeless():
                 now_s = time.monotonic()
-                self._start_due(now_s)
-                if exit_when_done and self._workers_are_over():
+                for name in [name for name, due_s in self._due_s.items() if due_s <= now_s]:
+                    del self._due_s[name]
+                    self._start(self._jobs[name], now_s)
+                workers = [name for name, job in self._jobs.items() if not job.lasting]
+                if exit_when_done and all(name in self._over for name in workers):
                     done_s = now_s if done_s is None else done_s
                     if now_s - done_s >= linger_s:
                         break
@@ -158,11 +161,6 @@ class Launcher:
         finally:
             self._end_all()
         return int(RunDecision.GIVEN_UP in self._over.values())
-
-    def _start_due(self, now_s: float) -> None:
-        for name in [name for name, due_s in self._due_s.items() if due_s <= now_s]:
-            del self._due_s[name]
-            self._start(self._jobs[name], now_s)
 
     def _start(self, job: Job, now_s: float) -> None:
         # A session of its own: Ctrl-C at the terminal reaches the launcher alone, which ends the others in order.
@@ -192,7 +190,6 @@ class Launcher:
         self._ended.put(name)
 
     def _wait_for_end(self) -> None:
-        """Wait for the next end of a process, for a moment."""
         try:
             name = self._ended.get(timeout=PROCESS_POLL_S)
         except queue.Empty:
@@ -209,9 +206,6 @@ class Launcher:
         else:
             self._over[name] = decision
             self._log.write(OWN_NAME, f"{name} {decision.value} (status {status}) after {ran_s:.1f} s")
-
-    def _workers_are_over(self) -> bool:
-        return all(name in self._over for name, job in self._jobs.items() if not job.lasting)
 
     def _is_hopeless(self) -> bool:
         """Whether a lasting job, or every worker, was given up: then the scene cannot work any more."""

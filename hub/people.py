@@ -19,11 +19,6 @@ STAGES = ("unknown", "up", "low", "fallen")
 """Of the watch for falls, those that matter most last."""
 
 
-def with_fall(falls: Falls, message: FallMessage) -> Falls:
-    """The newest stage of each person, with one more."""
-    return {**falls, message.person or "": message}
-
-
 def worst(falls: Falls) -> FallMessage:
     """The one that matters most; of equal stages the newest."""
     return max(falls.values(), key=lambda fall: (STAGES.index(fall.stage), fall.since_ns))

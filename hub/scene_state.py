@@ -81,11 +81,6 @@ class ObserverState:
         """Whether its vote enters the judgement."""
         return self.state in HEARD_STATES
 
-    @property
-    def is_contradicted(self) -> bool:
-        """Whether the others contradict its labels so often that they are hardly trusted."""
-        return self.label_reliability is not None
-
 
 @dataclass(frozen=True, slots=True)
 class SceneState:
@@ -136,12 +131,16 @@ class SceneState:
                 others = people.with_other(self.others, message)
                 return self if others is self.others else replace(self, others=others)
             case JudgementMessage():
-                late = self.judgement is not None and _is_copy(message, self.judgement)
-                return self if late else self._with_judgement(message, received_ns)
+                newest = self.judgement
+                is_same = newest is not None and message.fusion == newest.fusion
+                if newest is not None and is_same and 0 <= newest.at_ns - message.at_ns < REORDERED_NS:
+                    return self
+                return self._with_judgement(message, received_ns)
             case StatusMessage():
                 return self._with_status(message, role, received_ns)
             case FallMessage():
-                return replace(self, falls=(known := people.with_fall(self.falls, message)), fall=people.worst(known))
+                falls = {**self.falls, message.person or "": message}
+                return replace(self, falls=falls, fall=people.worst(falls))
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
                 # Any process may answer a query, also one with another vocabulary; it may be the next one.
                 return replace(self, next_vocabulary=message)
@@ -246,13 +245,14 @@ class SceneState:
             return ObserverState(name, None, (), None, 0.0, None, "silent", False, status)
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
         ranked = self.ranked(vote.p or [], vote.label, vote.unlearned)
-        agrees, rejected = agrees_with(self.judgement, vote), self._rejected(name)
+        # One of the k of the judgement's agreement "k of n".
+        agrees = is_heard(vote) and vote.label is not None and vote.label == self.judgement.label
+        rejected = self._rejected(name)
         return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
                              vote.skew_s, sum(rejected.values()), vote.reliability, name in self.same_ids,
                              _doubted(vote.rest_reliability), _doubted(vote.label_reliability))  # fmt: skip
 
     def _rejected(self, observer: str) -> Mapping[str, int]:
-        """The number of its messages that fusion rejected, by reason."""
         status = self.fusion_status.get(self.judgement.fusion) if self.judgement else None
         counts = (status.observers or {}).get(observer) if status else None
         return counts.rejected if counts else {}
@@ -271,11 +271,6 @@ def is_heard(vote: Vote) -> bool:
     return vote.state in HEARD_STATES
 
 
-def agrees_with(judgement: JudgementMessage, vote: Vote) -> bool:
-    """Whether the vote is one of the k of the judgement's agreement "k of n"."""
-    return is_heard(vote) and vote.label is not None and vote.label == judgement.label
-
-
 def is_waiting(judgement: JudgementMessage) -> bool:
     """Whether no observer contributes to the judgement, so that its label means nothing."""
     return not judgement.label or not any(map(is_heard, judgement.votes.values()))
@@ -290,10 +285,6 @@ def _placeholders(p: list[float], label: str | None) -> tuple[str, ...]:
     """Names while the vocabulary is unknown: `label` for the most probable, numbers from 1 for the others."""
     top = max(range(len(p)), key=lambda i: p[i], default=-1)
     return tuple(label if i == top and label else f"movement {i + 1}" for i in range(len(p)))
-
-
-def _is_copy(message: JudgementMessage, newest: JudgementMessage) -> bool:
-    return message.fusion == newest.fusion and 0 <= newest.at_ns - message.at_ns < REORDERED_NS
 
 
 def _doubted(reliability: float | None) -> float | None:

@@ -4,7 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
@@ -56,8 +56,8 @@ def listen(
     state. `clock` is this machine's time in ns since the epoch. newest_only: of all judgements since the last look only
     the newest is decoded, of several people as many of the newest, for hubs that pass on a few a second.
     """
-    keys, filters = scene.keys, _Filters()
-    state = SceneState(scene.scene, scene.roster, clock(), services=scene.services)
+    keys = scene.keys
+    taken = _Taken(keys, SceneState(scene.scene, scene.roster, clock(), services=scene.services))
     events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary, keys.fall)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
     newest = link.inbox(keys.judgement, limit=scene.people.most) if newest_only else None
@@ -67,28 +67,24 @@ def listen(
     # A verdict that was published between the opening of the inbox and the query is new.
     new = {(arrival.key, arrival.payload) for arrival in waiting}
     for key, payload in (answer for answer in answers if answer not in new):
-        update = _ingest(state, keys, filters, key, payload, clock(), answered=True)
-        state = update.state
-        yield update
+        yield taken.ingest(key, payload, clock(), answered=True)
     queried_ns = clock()
     while waiting or go_on():
         arrivals, waiting = waiting or inbox.take(TAKE_S), []
         # A verdict precedes the judgement that shows it.
         published = [*arrivals, *(newest.take(0.0) if newest else ())]
         for n, arrival in enumerate((*published, *late.take(0.0))):
-            is_answer = n >= len(published)
-            update = _ingest(state, keys, filters, arrival.key, arrival.payload, arrival.arrived_ns, is_answer)
-            state = update.state
-            yield update
-        state = replace(state, now_ns=clock(), dropped=inbox.dropped, skipped=newest.dropped if newest else 0)
+            yield taken.ingest(arrival.key, arrival.payload, arrival.arrived_ns, answered=n >= len(published))
+        skipped = newest.dropped if newest else 0
+        taken.state = state = replace(taken.state, now_ns=clock(), dropped=inbox.dropped, skipped=skipped)
         if services.appearances != appearances and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns, appearances = state.now_ns, services.appearances
             link.request(keys.verdict, late.put, QUERY_S)
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns
             for key, payload in link.ask_each(keys.vocabulary, QUERY_S):
-                state = _ingest(state, keys, filters, key, payload, state.now_ns).state
-        yield SceneUpdate(state)
+                taken.ingest(key, payload, state.now_ns)
+        yield SceneUpdate(taken.state)
 
 
 def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | None:
@@ -104,46 +100,42 @@ def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | 
     return message
 
 
-@dataclass(frozen=True, slots=True)
-class _Filters:
-    """What is remembered to tell which messages to take."""
+class _Taken:
+    """The state after all messages that were taken, and what is remembered to tell which ones to take."""
 
-    same: SameMovement = field(default_factory=SameMovement)
-    services: JudgingServices = field(default_factory=JudgingServices)
+    def __init__(self, keys: SceneKeys, state: SceneState) -> None:
+        self.state, self._keys, self._same, self._services = state, keys, SameMovement(), JudgingServices()
 
+    def ingest(self, key: str, payload: bytes, now_ns: int, answered: bool = False) -> SceneUpdate:
+        """Fold in one payload; a judgement that answers a query dates from when it was made."""
+        before = self.state = self.state.at(now_ns)
+        role: SenderRole = "fusion" if key.startswith(f"{self._keys.root}/fusion/") else "observer"
+        try:
+            message = self._checked(key, payload, role, answered)
+        except BadMessage:
+            self.state = before.reject()
+            return SceneUpdate(self.state, answered=answered)
+        if message is None:
+            return SceneUpdate(before, answered=answered)
+        received_ns = min(now_ns, message.at_ns) if answered and isinstance(message, JudgementMessage) else now_ns
+        self.state = before.fold(message, received_ns, role)
+        return SceneUpdate(self.state, None if self.state is before else message, answered)
 
-def _ingest(
-    state: SceneState,
-    keys: SceneKeys,
-    filters: _Filters,
-    key: str,
-    payload: bytes,
-    now_ns: int,
-    answered: bool = False,
-) -> SceneUpdate:
-    """Fold in one payload; a judgement that answers a query dates from when it was made."""
-    state = state.at(now_ns)
-    role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"
-    try:
-        message = decode_for_hub(keys, key, payload)
+    def _checked(self, key: str, payload: bytes, role: SenderRole, answered: bool) -> SceneMessage | None:
+        """The message, None for one that says nothing new; raises BadMessage."""
+        message = decode_for_hub(self._keys, key, payload)
         if isinstance(message, JudgementMessage):
-            _require_known(state, message, answered)
-    except BadMessage:
-        return SceneUpdate(state.reject(), answered=answered)
-    if isinstance(message, VerdictMessage | FallMessage):
-        if not (answered or filters.services.knows(message)):
-            return SceneUpdate(state.reject())
-        message = filters.same.take(message) if isinstance(message, VerdictMessage) else message
-    elif isinstance(message, JudgementMessage):
-        filters.services.hear(message)
-        message = filters.same.judged(message)
-    elif isinstance(message, StatusMessage) and role == "fusion":
-        filters.services.hear(message)
-    if message is None:
-        return SceneUpdate(state, answered=answered)
-    received_ns = min(now_ns, message.at_ns) if answered and isinstance(message, JudgementMessage) else now_ns
-    folded = state.fold(message, received_ns, role)
-    return SceneUpdate(folded, None if folded is state else message, answered)
+            _require_known(self.state, message, answered)
+        if isinstance(message, VerdictMessage | FallMessage):
+            if not (answered or self._services.knows(message)):
+                raise BadMessage("wrong_key", "of no service that judges")
+            return self._same.take(message) if isinstance(message, VerdictMessage) else message
+        if isinstance(message, JudgementMessage):
+            self._services.hear(message)
+            return self._same.judged(message)
+        if isinstance(message, StatusMessage) and role == "fusion":
+            self._services.hear(message)
+        return message
 
 
 def _require_known(state: SceneState, message: JudgementMessage, answered: bool) -> None:

@@ -182,8 +182,8 @@ def _troubles(observer: ObserverState) -> Iterable[str]:
     """Faults that the observer does not report itself: its clock, lies, and messages that fusion rejected."""
     if observer.skew_s is not None and abs(observer.skew_s) >= SKEW_SHOWN_S:
         yield f"clock {'+' if observer.skew_s > 0 else '-'}{age(abs(observer.skew_s))}"
-    if observer.is_contradicted:
-        yield f"the others contradict it: {observer.label_reliability or 0.0:.0%} trusted"
+    if observer.label_reliability is not None:
+        yield f"the others contradict it: {observer.label_reliability:.0%} trusted"
     if observer.rest_reliability is not None:
         yield f"its rest contradicts the others: {observer.rest_reliability:.0%} trusted"
     if observer.has_same_id:
@@ -193,7 +193,6 @@ def _troubles(observer: ObserverState) -> Iterable[str]:
 
 
 def _fusion(state: SceneState, early: Sequence[EarlyWord], notice: str) -> RenderableType:
-    """The fused posterior and, large, the verdict."""
     count = FUSION_LINES - 3
     rows = [_ranked_row(ranked, "green" if place == 0 else "dim", _label_cells(state)) for place, ranked in
             enumerate(state.fused[:count])]  # fmt: skip

@@ -145,7 +145,9 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
         state = update.state
         match update.message:
             case VerdictMessage(id=verdict_id, label=label) as verdict if shown.get(verdict_id) != label:
-                print(verdict_line(_revision(verdict, shown.get(verdict_id))), flush=True)
+                # Also from a fusion service that revises only at the end.
+                before = {"stage": "revised", "revises": shown[verdict_id]} if verdict_id in shown else {}
+                print(verdict_line(verdict.model_copy(update=before)), flush=True)
                 shown[verdict_id] = label
                 scored = verdict_id if score_words(verdict) else scored
             case VerdictMessage(id=verdict_id) as verdict if verdict_id != scored and score_words(verdict):
@@ -156,11 +158,6 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
             shown_ns = state.now_ns
             for judgement in state.people or [state.judgement]:
                 print(judgement_line(judgement), flush=True)
-
-
-def _revision(verdict: VerdictMessage, replaced: str | None) -> VerdictMessage:
-    """`verdict` as a revision of the label `replaced`, also from a fusion service that revises only at the end."""
-    return verdict if replaced is None else verdict.model_copy(update={"stage": "revised", "revises": replaced})
 
 
 def show_json(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:

@@ -123,12 +123,10 @@ def contributed(verdict: VerdictMessage) -> str:
     """What each observer contributed in nats, `not without cam1; cam1 +0.61, cam2 -0.20`; empty where unknown."""
     contributions = verdict.contributions or {}
     needed = [name for name, contribution in contributions.items() if not contribution.stands]
-    amounts = ", ".join(f"{name} {_nats(each.nats)}" for name, each in contributions.items())
+    amounts = ", ".join(
+        f"{name} {f'{each.nats:+.2f}' if math.isfinite(each.nats) else '-'}" for name, each in contributions.items()
+    )
     return printable(f"not without {', '.join(needed)}; {amounts}" if needed else amounts)
-
-
-def _nats(nats: float) -> str:
-    return f"{nats:+.2f}" if math.isfinite(nats) else "-"
 
 
 def manner(judgement: JudgementMessage) -> str:

@@ -63,7 +63,8 @@ def doctor(
     here = None if not observers else () if observers == NO_OBSERVER else split_list("--observers", observers)
     settings: list[EffectiveSetting] = []
     if scene is None:
-        findings = run_checks([_machine_check(None, ()), Check("cameras", MACHINE_S, _webcam_findings)])
+        webcam_check = Check("cameras", MACHINE_S, lambda: check_cameras([], webcams(), certain=True) or [no_webcam()])
+        findings = run_checks([_machine_check(None, ()), webcam_check])
     else:
         findings = _with_scene(scene, here, for_s, settings, test_cameras=test_cameras)
     name = shlex.quote(str(scene)) if scene else "SCENE"
@@ -151,10 +152,6 @@ def _machine_check(scene: Scene | None, observers: Sequence[str], *, certain: bo
         return check_machine(machine_facts(Path()), needs, certain=certain)
 
     return Check("this machine", MACHINE_S, run)
-
-
-def _webcam_findings() -> list[Finding]:
-    return check_cameras([], webcams(), certain=True) or [no_webcam()]
 
 
 def _mesh_findings(path: Path, scene: Scene, for_s: float) -> Iterator[Finding]:

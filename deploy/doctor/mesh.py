@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
-from common.config import MeshConfig, Scene
+from common.config import Scene
 from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.link import Link
@@ -89,7 +89,8 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
         return MeshFacts(network)
     began_s, (role, process_id) = time.monotonic(), listener_for(scene)
     try:
-        mesh = _connectable(scene.mesh)
+        # An endpoint that means every interface is reached over loopback.
+        mesh = scene.mesh.at(scene.mesh.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"))
         link = Link.open(mesh, role, timeout_s=OPEN_S, process_id=process_id, scene=scene.scene)
         if not _is_connected(link):
             # A session without peers takes seconds to close; do not wait for it.
@@ -100,11 +101,6 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
             return MeshFacts(network, _traffic(scene, link, for_s), role == "observer")
     except LabanmeshError as error:
         return MeshFacts(replace(network, fault=str(error)))
-
-
-def _connectable(mesh: MeshConfig) -> MeshConfig:
-    """The mesh with the loopback address for an endpoint that means every interface."""
-    return mesh.at(mesh.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"))
 
 
 def _is_connected(link: Link) -> bool:

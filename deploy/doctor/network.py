@@ -86,7 +86,9 @@ def network_facts(mesh: MeshConfig) -> NetworkFacts:
     """The facts, except those that Zenoh itself finds."""
     parts = EndpointParts.of(mesh.endpoint)
     if not parts.host:
-        return _socket_file(mesh)
+        folder = Path(mesh.endpoint.partition("/")[2]).parent
+        unusable = "" if os.access(folder, os.W_OK) else f"the folder {folder} is not writable"
+        return NetworkFacts(mesh, None, local=True, unusable=unusable)
     local, unusable = try_to_listen(parts)
     listener = listener_on(parts.port) if local else ""
     # Every interface is listened on, not connected to.
@@ -179,12 +181,6 @@ def _bind(family: socket.AddressFamily, kind: socket.SocketKind, address: str, p
         # As Zenoh does: a port whose last connections are still closing is free.
         attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         attempt.bind((address, port))
-
-
-def _socket_file(mesh: MeshConfig) -> NetworkFacts:
-    folder = Path(mesh.endpoint.partition("/")[2]).parent
-    unusable = "" if os.access(folder, os.W_OK) else f"the folder {folder} is not writable"
-    return NetworkFacts(mesh, None, local=True, unusable=unusable)
 
 
 def check_network(facts: NetworkFacts) -> list[Finding]:

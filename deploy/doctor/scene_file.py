@@ -110,14 +110,10 @@ def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFa
     settings = settings_in_force(scene, table, os.environ)
     places = {name: scene.place(folder) for name in observers if (folder := scene.observer(name).clips.folder)}
     clips = {name: FolderFacts(place, _may_write(place)) for name, place in places.items()}
-    taught = {} if scene.vocabulary else {name: _taught_folder(scene, name) for name in observers}
+    # Teaching does not make the folder of an observer's takes and its model.
+    folders = {} if scene.vocabulary else {name: scene.taught_model(name).parent for name in observers}
+    taught = {name: FolderFacts(each, each.is_dir() and _may_write(each)) for name, each in folders.items()}
     return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, clips, taught)
-
-
-def _taught_folder(scene: Scene, observer: str) -> FolderFacts:
-    """The folder of the observer's takes and its model. Teaching does not make it."""
-    folder = scene.taught_model(observer).parent
-    return FolderFacts(folder, folder.is_dir() and _may_write(folder))
 
 
 def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, PreflightReport], str]:
@@ -192,9 +188,9 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
         for doubt in report.doubts:
             yield from_fault(GROUP, "warning", f"{observer}: {doubt}", SCENE_WAY_OUT)
         if report.lacks_tracker:
-            yield warning(
-                GROUP, f"{observer}: tracker camshift: {report.lacks_tracker.partition(': ')[0]}", _remedy(report)
-            )
+            lacks, _, install = report.lacks_tracker.partition(": ")
+            to_do = f'{install}; or choose camshift: tracker = "{report.tracker}"'
+            yield warning(GROUP, f"{observer}: tracker camshift: {lacks}", to_do)
         if not report.faults and not report.lacks:
             rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
             model = f"model of {plural(len(report.labels), 'movement')}{rate}" if report.labels else "no model yet"
@@ -206,11 +202,6 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
             yield ok(GROUP, f"{observer}: its model is for {camera} as it stands: teach it again when the camera moves")
     if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
         yield warning(GROUP, "observers lack something here, and may be meant for other machines", NOT_HERE)
-
-
-def _remedy(report: PreflightReport) -> str:
-    """How to get the better tracker, or to stay with this one."""
-    return f'{report.lacks_tracker.partition(": ")[2]}; or choose camshift: tracker = "{report.tracker}"'
 
 
 def _shared(facts: SceneFacts) -> Iterator[Finding]:

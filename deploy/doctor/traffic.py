@@ -185,7 +185,6 @@ def relative_clock(skew_s: float) -> str:
 
 
 def _state(name: str, process: ProcessTraffic, alive: bool, no_frames: str) -> Finding:
-    """no_frames: what to do where none arrive."""
     status, age_s = process.status, process.frame_age_s
     if status is None:
         return _stateless(name, process, alive)
@@ -211,7 +210,6 @@ def _state(name: str, process: ProcessTraffic, alive: bool, no_frames: str) -> F
 
 
 def _stateless(name: str, process: ProcessTraffic, alive: bool) -> Finding:
-    """The finding on a process without a readable status."""
     if process.bad:
         return warning(GROUP, f"{name}: is there, and its status cannot be read", "see the next lines")
     if not alive:

@@ -70,7 +70,9 @@ def init(
     if asks and cameras:
         _offer_lesson(file)
     elif asks:
-        _offer_rehearsal(file)
+        with suppress(EOFError):
+            if input(SEE_IT).strip().lower() in ("", "y", "yes"):
+                _labanmesh(file, "teach", "--rehearse")
 
 
 def _found() -> list[FirstCamera]:
@@ -104,7 +106,6 @@ def _named(source: str, file: Path) -> FirstCamera:
 
 
 def _require_new(file: Path) -> None:
-    """Check the file before the cameras are looked for."""
     if file.exists():
         raise BadInput(f"{file}: exists already and is not overwritten; name another file")
     if not os.access(file.parent, os.W_OK):
@@ -149,12 +150,6 @@ def _offer_lesson(file: Path) -> None:
         raise LabanmeshError(
             f"the lesson has ended early; it goes on with: labanmesh teach {file} {' '.join(labels)} --up"
         )
-
-
-def _offer_rehearsal(file: Path) -> None:
-    with suppress(EOFError):
-        if input(SEE_IT).strip().lower() in ("", "y", "yes"):
-            _labanmesh(file, "teach", "--rehearse")
 
 
 def _labanmesh(file: Path, *words: str) -> int:

@@ -202,7 +202,6 @@ def _folder(files: Sequence[Path], to: Path | None) -> Path:
 
 
 def _words(files: Sequence[Path]) -> str:
-    """The scene files as they were typed, for commands to copy."""
     return shlex.join(map(str, files))
 
 

@@ -10,12 +10,12 @@ import fcntl
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
 from common.certificate_authority import CERTIFICATE_DAYS, KeyPair, issue, make_authority
-from common.config import MeshConfig, Scene, read_scene, scene_files
+from common.config import Scene, read_scene, scene_files
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import read_text, replace_file, sync_folder
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
@@ -90,7 +90,7 @@ class Authority:
             serial=f"{signed.serial:x}",
             expires=signed.expires,
         )
-        self._write(register.with_certificate(certificate))
+        self._write(replace(register, certificates=(*register.certificates, certificate)))
         return certificate
 
     def _lay_out(self, common_name: str, pair: KeyPair) -> None:
@@ -121,19 +121,16 @@ def read_scenes(paths: Sequence[Path]) -> tuple[Scene, ...]:
         scene = read_scene(path)
         if scene.scene in (other.scene for other in scenes):
             raise BadInput(f"{path}: scene {scene.scene!r} is in two of the files; give each scene a name of its own")
-        if scenes and not _meet(scene.mesh, scenes[0].mesh):
+        # Each scene file may have a folder of credentials of its own.
+        own, first = scene.mesh, scenes[0].mesh if scenes else scene.mesh
+        is_alike = own.model_copy(update={"credentials": first.credentials}) == first
+        if not is_alike or bool(own.credentials) != bool(first.credentials):
             raise BadInput(
                 f"{path}: another [mesh] than scene {scenes[0].scene!r}; scenes of one router need the same mode, "
                 "endpoint and prefix, all with credentials or none"
             )
         scenes.append(scene)
     return tuple(scenes)
-
-
-def _meet(one: MeshConfig, other: MeshConfig) -> bool:
-    """Whether processes of both meet at one router; each scene file may have a folder of credentials of its own."""
-    alike = one.model_copy(update={"credentials": other.credentials})
-    return alike == other and bool(one.credentials) == bool(other.credentials)
 
 
 def create_authority(folder: Path, scenes: Sequence[Scene], now: datetime) -> Authority:
@@ -245,7 +242,6 @@ def _write_new(path: Path, content: bytes, mode: int) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    """Replaces the file's text atomically; raises LabanmeshError."""
     with _writing(path):
         replace_file(path, text.encode(), 0o644)
         # No secrets in these; the router may run as another user, whatever the umask is.

@@ -136,10 +136,6 @@ class Register:
             raise BadInput(f"{name!r}: no such machine in the register; known: {known}")
         return certificates[-1]
 
-    def with_certificate(self, certificate: IssuedCertificate) -> "Register":
-        """The register with one more certificate."""
-        return replace(self, certificates=(*self.certificates, certificate))
-
     def with_scenes(self, scenes: Iterable[str]) -> "Register":
         """The register with more scenes; certificates of an authority of one scene stay for that scene alone."""
         register = self

@@ -35,8 +35,6 @@ class PictureAnswer:
 
 @dataclass(slots=True)
 class _Watched:
-    """An observer that browsers look at."""
-
     declared: "SubSession"
     inbox: "Inbox"
     asked_s: float

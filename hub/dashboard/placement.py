@@ -43,7 +43,8 @@ def azimuth_of_camera(matrix: Matrix) -> float | None:
     """The side from which a camera's (3, 4) matrix looks; None for one that looks straight down, or is invalid."""
     try:
         right, down, forward = (tuple(float(value) for value in row[:3]) for row in matrix)
-        along = _cross(right, down)
+        (a, b, c), (d, e, g) = right, down
+        along: tuple[float, ...] = (b * g - c * e, c * d - a * g, a * e - b * d)
         if any(forward):
             side = sum(a * f for a, f in zip(along, forward, strict=True))
             along = tuple(math.copysign(1, side) * value for value in forward)
@@ -91,7 +92,3 @@ def _moved_apart(angles: Mapping[str, float]) -> dict[str, float]:
         if not moved:
             break
     return dict(zip(names, at, strict=True))
-
-
-def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
-    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -139,7 +139,6 @@ def serve_scene(
 
 
 def _end(stream: LiveStream, teach: TeachPage) -> None:
-    """Answer everything that waits for something new."""
     stream.close()
     teach.end()
 

@@ -218,8 +218,7 @@ def is_foreign(request: Request) -> bool:
     return origin is not None and urlsplit(origin).netloc != request.headers.get("host", "")
 
 
-async def json_of(request: Request) -> dict[str, Any]:
-    """The JSON object in the body; raises BadInput."""
+async def _json(request: Request) -> dict[str, Any]:
     body = await body_of(request, BODY_LIMIT)
     if len(body) > BODY_LIMIT:
         raise BadInput(f"too long: {BODY_LIMIT} bytes are allowed")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common import SECOND_NS
-from common.config import Scene, read_scene
+from common.config import read_scene
 from common.errors import BadInput
 from common.text import nearest
 from hub.history.records import ROW_KINDS
@@ -48,8 +48,10 @@ def history(
     if kind and kind not in ROW_KINDS:
         raise BadInput(f"--kind {kind[:40]!r}: {' or '.join(ROW_KINDS)} is expected")
     config = read_scene(scene)
+    if not config.history.file:
+        raise BadInput(f"scene {config.scene}: {OFF}")
     from_ns, until_ns = _span(day, since, until)
-    with HistoryFile.to_read(history_path(config)) as file:
+    with HistoryFile.to_read(config.place(config.history.file)) as file:
         rows = file.select(HistoryQuery(kind, label, from_ns, until_ns, last))
         if label and not rows and label not in (known := file.labels()):
             print(f"nothing of {label[:64]}: {nearest(label, known)}", file=sys.stderr)
@@ -63,13 +65,6 @@ def history(
             print(json.dumps(row.as_json()))
     else:
         _print_lines(ordered)
-
-
-def history_path(scene: Scene) -> Path:
-    """The file of the scene's history; raises BadInput if it keeps none."""
-    if not scene.history.file:
-        raise BadInput(f"scene {scene.scene}: {NO_HISTORY}")
-    return scene.place(scene.history.file)
 
 
 def _print_lines(rows: "Iterable[HistoryRow]") -> None:

@@ -59,7 +59,9 @@ class HistoryKeeper:
                 file.delete_old(self._clock(), self._config.keep_days, self._config.keep_mb)
         except DatabaseFault as error:
             self._again_s = now_s + AGAIN_S
-            self._record_fault(str(error))
+            if str(error) != self.fault:
+                self.fault = str(error)
+                log.warning("history: %s; what happens waits in memory, up to %d events", error, WAITING_LIMIT)
             self.close()
             if error.is_damaged:
                 self._set_aside()
@@ -79,11 +81,6 @@ class HistoryKeeper:
         if self._file is None:
             self._file = HistoryFile.to_write(self._path, KEEPER_BUSY_S)
         return self._file
-
-    def _record_fault(self, fault: str) -> None:
-        if fault != self.fault:
-            self.fault = fault
-            log.warning("history: %s; what happens waits in memory, up to %d events", fault, WAITING_LIMIT)
 
     def _set_aside(self) -> None:
         aside = self._path.with_name(f"{self._path.name}.damaged-{self._clock() // SECOND_NS}")

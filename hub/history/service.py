@@ -39,7 +39,8 @@ def serve(
     notifying = Notifying(scene, time.monotonic, clock, pauses)
     supervisor = Notifier.from_environment()
     stages: dict[str, str] = {}
-    log.info("%s: %s", scene.scene, _purpose(scene))
+    kept = f"history in {path}" if path else "no history"
+    log.info("%s: %s; tells %s", scene.scene, kept, ", ".join(scene.notify) or "nobody")
     try:
         with supervisor, instrumented([scene], "events") as instrumentation:
             for update in listen(scene, link, lambda: not stop.is_set(), clock, newest_only=True):
@@ -58,11 +59,6 @@ def serve(
         notifying.close()
         if keeper is not None:
             keeper.close()
-
-
-def _purpose(scene: Scene) -> str:
-    kept = f"history in {scene.place(scene.history.file)}" if scene.history.file else "no history"
-    return f"{kept}; tells {', '.join(scene.notify) if scene.notify else 'nobody'}"
 
 
 def require_something(scene: Scene) -> None:

@@ -101,7 +101,9 @@ class SceneBridge:
         """The states that are due now."""
         self._take_verdicts(state, now_s)
         snapshot = SceneSnapshot(state, tokens, self._status_ages(state, now_s), self._step_s)
-        self._anticipate(snapshot, now_s)
+        judged = state.judgement if snapshot.judged else None
+        words = self._anticipation.expire(now_s) if judged is None else self._anticipation.update(judged, now_s)
+        self._add_early(words, now_s)
         self._events.extend((event, now_s) for event in self.counters.follow(state))
         wanted = {topic: RetainedState(payload) for topic, payload in self._entities(state).items()}
         wanted |= self.counters.retained(self._area)
@@ -157,7 +159,6 @@ class SceneBridge:
 
     @property
     def _movements(self) -> tuple[str, ...]:
-        """The movements with a binary sensor now."""
         if ALL in self._wanted_movements:
             return self._labels
         return tuple(label for label in self._wanted_movements if not self._labels or label in self._labels)
@@ -174,12 +175,6 @@ class SceneBridge:
         if not self._labels:
             return {}
         return {topic: RetainedState("") for topic in self._of_movements if topic not in wanted}
-
-    def _anticipate(self, snapshot: SceneSnapshot, now_s: float) -> None:
-        judgement = snapshot.state.judgement if snapshot.judged else None
-        anticipation = self._anticipation
-        words = anticipation.expire(now_s) if judgement is None else anticipation.update(judgement, now_s)
-        self._add_early(words, now_s)
 
     def _add_early(self, words: Iterable[EarlyWord], now_s: float) -> None:
         self._events.extend((early_event(self.topics, word), now_s) for word in words)

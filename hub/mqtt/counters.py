@@ -129,7 +129,6 @@ class Counters:
 
 
 def _target_left(payload: object) -> int | None:
-    """The target in a retained state."""
     try:
         target = json.loads(payload if isinstance(payload, (str, bytes)) else b"")["target"]
     except (ValueError, TypeError, LookupError, RecursionError):

@@ -220,7 +220,6 @@ class MqttHub:
             log.warning("hub.mqtt.movements: %r is no movement of %s; known: %s", label, scene, known)
 
     async def _pause(self, seconds: float) -> None:
-        """Pause without a broker; verdicts are still received."""
         end_s = time.monotonic() + seconds
         while not self._stop.is_set() and time.monotonic() < end_s:
             for served in self._served:

@@ -129,14 +129,14 @@ def teach(options: TeachOptions) -> None:
 
     Example: labanmesh teach scene.toml --earlier
     """
-    if options.rehearse:
-        _require_lesson(options)
-    elif options.scene == NO_FILE:
+    if options.rehearse and (options.was or options.learn is not None or options.earlier or options.restore):
+        raise BadInput("--rehearse: is a lesson; correct verdicts of a scene that runs, without --rehearse")
+    if options.scene == NO_FILE and not options.rehearse:
         raise BadInput(
             "teach: name the scene file, e.g. labanmesh teach scene.toml wave point clap; or see a lesson without a "
             "camera: labanmesh teach --rehearse"
         )
-    elif options.was or options.learn is not None:
+    if options.was or options.learn is not None:
         from hub.teaching.memory_commands import correct_verdicts
 
         learn_now = options.learn != "later"
@@ -156,11 +156,6 @@ def teach(options: TeachOptions) -> None:
             rehearsal = here.enter_context(rehearsed([*words, *(options.labels or [])]))
             options = replace(options, scene=rehearsal.file, labels=list(rehearsal.labels), up=True)
         _teach(options, rehearsal, here)
-
-
-def _require_lesson(options: TeachOptions) -> None:
-    if options.was or options.learn is not None or options.earlier or options.restore:
-        raise BadInput("--rehearse: is a lesson; correct verdicts of a scene that runs, without --rehearse")
 
 
 def _teach(options: TeachOptions, rehearsal: "Rehearsal | None", here: ExitStack) -> None:

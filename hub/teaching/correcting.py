@@ -113,7 +113,6 @@ def _leave_out_the_untaught(participants: Participants, replies: Mapping[str, Te
 def _correct_one(
     participants: Participants, correction: Correction, offsets: Mapping[str, float], person: str
 ) -> list[str]:
-    """The observers that have made an example of it."""
     lengths: dict[str, float] = {}
     faults: dict[str, str] = {}
     span = correction

@@ -45,7 +45,6 @@ def forget(
 
 
 def _found(reply: TeachReply) -> bool:
-    """Whether an observer had anything to forget."""
     report = reply.forgotten or ForgottenReport()
     return bool(report.takes or report.other_s or report.models or report.clips or report.in_model)
 

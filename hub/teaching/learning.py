@@ -36,7 +36,6 @@ def learn(participants: Participants) -> dict[str, LearnedReport]:
 
 
 def _wanted(participants: Participants) -> dict[str, object]:
-    """What all learn."""
     references = {"references": list(participants.references), "person": participants.person}
     return {"labels": participants.labels, "add": participants.add, **references}
 

@@ -250,7 +250,6 @@ class LessonServer:
             self._closed.wait(LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:
-        """Keep the replies of observers that are alive."""
         alive = names_of(self._presence, self.scene)
         with self._lock:
             replies = {name: each for name, each in {**self._replies, **answers.replies}.items() if name in alive}

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from common.config import Scene
-    from hub.scene_state import SceneState
     from hub.session import SceneListener
     from hub.teaching.interface import LessonInterface
     from hub.teaching.participants import Participants
@@ -81,7 +80,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
     from common.teaching_messages import require_person
     from hub.history.notes import note_corrections
     from hub.teaching.correcting import clock_offsets, correct, learn_corrections
-    from hub.teaching.moments import correction_of
+    from hub.teaching.moments import correction_of, fusion_ns
 
     if len(when) != len(labels):
         raise BadInput(
@@ -92,8 +91,13 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
     with _opened(file) as taught:
         for name in taught.missing:
             taught.interface.say(f"{name}: does not answer; the others go on")
-        state = _known_state(taught.listener, taught.interface)
-        now, pairs = _fusion_time(state), zip(when, labels, strict=True)
+        begun_s = taught.interface.now_s()
+        while not taught.listener.ready and taught.interface.now_s() - begun_s < OBSERVERS_READY_S:
+            taught.listener.check()
+            taught.interface.pause(0.05)
+        state = taught.listener.state
+        now = datetime.fromtimestamp(fusion_ns(state, time.time_ns()) / SECOND_NS, UTC).astimezone()
+        pairs = zip(when, labels, strict=True)
         corrections = [correction_of(moment, label, state.verdicts, now) for moment, label in pairs]
         observers = list(taught.participants.observers)
         if corrections:
@@ -155,19 +159,3 @@ def forget(
             taught.interface.say(untouched_line(taught.clip_keepers, clips=clips))
         if line := forget_in_history(taught.scene, Unwanted(person, label, everything)):
             taught.interface.say(line)
-
-
-def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":
-    """The state of the scene after its last verdicts have arrived."""
-    begun_s = interface.now_s()
-    while not listener.ready and interface.now_s() - begun_s < OBSERVERS_READY_S:
-        listener.check()
-        interface.pause(0.05)
-    return listener.state
-
-
-def _fusion_time(state: "SceneState") -> datetime:
-    """The local time by the clock of the fusion service, or by this machine's clock if the service gives none."""
-    from hub.teaching.moments import fusion_ns
-
-    return datetime.fromtimestamp(fusion_ns(state, time.time_ns()) / SECOND_NS, UTC).astimezone()

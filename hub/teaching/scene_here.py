@@ -47,15 +47,12 @@ def scene_here(
             end_s = time.monotonic() + SCENE_START_S
             while not is_there():
                 if process.poll() is not None or time.monotonic() > end_s:
-                    raise LabanmeshError(f"the scene does not start: {_last_line(log)} (all of it: {log})")
+                    text = log.read_text(encoding="utf-8", errors="replace").strip()
+                    fault = text.rpartition("\n")[2] or "it says nothing"
+                    raise LabanmeshError(f"the scene does not start: {fault} (all of it: {log})")
                 pause(LOOK_S)
             yield log
         finally:
             process.terminate()
             with suppress(subprocess.TimeoutExpired):
                 process.wait(SCENE_END_S)
-
-
-def _last_line(log: Path) -> str:
-    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
-    return lines[-1] if lines else "it says nothing"

@@ -6,7 +6,7 @@ them with the code: no change of the surface goes unnoticed.
 
 import json
 import re
-from typing import get_args
+from typing import Literal, get_args, get_origin
 
 import typer
 from doc_pages import ROOT
@@ -48,8 +48,11 @@ def parameter_line(parameter):
     words = [parameter.name.upper() if of_argument else ", ".join([*parameter.opts, *parameter.secondary_opts])]
     if not getattr(parameter, "is_flag", False):
         annotation = parameter.type_descriptor.annotation
-        (of_one,) = get_args(annotation) or (annotation,)
-        words.append(of_one.__name__.upper() + ("" if of_one is annotation else "..."))
+        if get_origin(annotation) is Literal:
+            words.append("|".join(get_args(annotation)))
+        else:
+            (of_one,) = get_args(annotation) or (annotation,)
+            words.append(of_one.__name__.upper() + ("" if of_one is annotation else "..."))
         least, most = getattr(parameter, "min", None), getattr(parameter, "max", None)
         words += [f"{least}..{most}"] if (least, most) != (None, None) else []
         words += ["required"] if parameter.required else []

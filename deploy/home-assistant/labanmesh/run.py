@@ -104,7 +104,6 @@ def scene_text(name: str, cameras: Sequence[Mapping[str, str]]) -> str:
 
 
 def _mesh(options: Options, folder: Path) -> dict[str, str]:
-    """Where the processes meet."""
     certificates, router = options.get("certificates"), options.get("router")
     if not router:
         return {}

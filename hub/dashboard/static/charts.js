@@ -94,9 +94,11 @@ function showMat(setup, state) {
   for (const observer of state.observers) {
     const parts = flags.get(observer.name);
     if (!parts) continue;
+    const rests = tone(observer, state.moving) === "rests";
     mark(parts.group, "stance", tone(observer, state.moving));
     attribute(parts.ray, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * observer.weight).toFixed(1));
-    if (!parts.quiet) put(parts.held, shortened(observer.heard && observer.label && !observer.gone ? words(observer.label) : sight(observer, state, setup.sure), 18));
+    // Short enough for two judges side by side.
+    if (!parts.quiet) put(parts.held, rests ? "no movement" : shortened(observer.heard && observer.label && !observer.gone ? words(observer.label) : sight(observer, state, setup.sure), 15));
   }
 }
 
