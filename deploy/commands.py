@@ -18,11 +18,11 @@ from common.command_options import ForSeconds
 from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import stop_on_signals
+from common.tracker_choice import is_recording
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.hubs import EVENTS, hub_words
 from deploy.launcher import Job, Launcher, RestartPolicy
 from deploy.scene_lock import only_once, runtime_folder
-from deploy.start_barrier import open_start_barrier
 
 START_TOGETHER_S = 2.0
 """Recordings begin this long after the launcher at the earliest: fusion and hubs run then. They begin when the last
@@ -95,6 +95,19 @@ def _set_after(seconds: float | None, stop: threading.Event) -> Iterator[None]:
         yield
     finally:
         timer.cancel()
+
+
+def open_start_barrier(folder: Path, scene: Scene) -> Path:
+    """A new folder below `folder`, with a file ID.awaited for each observer that plays a recording in real time.
+
+    There they wait, so that all begin together (observer/runtime/start_barrier.py).
+    """
+    barrier = folder / "barrier"
+    barrier.mkdir()
+    for observer, section in scene.observers.items():
+        if section.speed and is_recording(section.source):
+            (barrier / f"{observer}.awaited").touch()
+    return barrier
 
 
 @dataclass(frozen=True, slots=True)

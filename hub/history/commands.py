@@ -68,7 +68,7 @@ def history(
 
 
 def _print_lines(rows: "Iterable[HistoryRow]") -> None:
-    from hub.history.wording import row_line
+    from hub.history.records import row_line
 
     day = ""
     for row in rows:

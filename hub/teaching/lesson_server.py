@@ -21,11 +21,10 @@ from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply, TeachRequest, Unwanted
 from hub.scene_state import SceneState
 from hub.session import ArrivedVerdict, SceneUpdate, newly_decided
-from hub.teaching.correcting import clock_offsets
+from hub.teaching.correcting import clock_offsets, fusion_ns
 from hub.teaching.forgetting import forget, untouched_line
 from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
-from hub.teaching.moments import fusion_ns
 from hub.teaching.page_interface import MOVED_ON, PageInterface, PageLesson, Purpose
 from hub.teaching.page_memory import WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants

@@ -79,8 +79,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
     """
     from common.teaching_messages import require_person
     from hub.history.notes import note_corrections
-    from hub.teaching.correcting import clock_offsets, correct, learn_corrections
-    from hub.teaching.moments import correction_of, fusion_ns
+    from hub.teaching.correcting import clock_offsets, correct, correction_of, fusion_ns, learn_corrections
 
     if len(when) != len(labels):
         raise BadInput(

@@ -52,7 +52,7 @@ IMPURE = {
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
-        "deploy.doctor.machine deploy.doctor.scene_file deploy.scene_lock deploy.start_barrier "
+        "deploy.doctor.machine deploy.doctor.scene_file deploy.scene_lock "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history hub.database "
         "hub.history.history_file hub.history.keeper hub.history.notes "
         "hub.notify.notification_queue hub.notify.notifying "
@@ -71,8 +71,7 @@ IMPURE = {
         "hub.lan hub.phone.code_page hub.phone.serving "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.mqtt.broker "
-        "hub.notify.sender hub.notify.webhook hub.dashboard.history_routes "
-        "hub.dashboard.people_routes hub.dashboard.phone_routes "
+        "hub.notify.sender hub.dashboard.history_routes hub.dashboard.phone_routes "
         "hub.teaching.rehearsal hub.teaching.scene_here hub.teaching.terminal hub.teaching.terminal_lesson "
         "studies.performer.cameras "
         "studies.demo* "

@@ -6,8 +6,7 @@ from common import SECOND_NS
 from hub.anticipation import Anticipation
 from hub.dashboard.history import SceneHistory
 from hub.dashboard.page_data import state_data, verdict_data
-from hub.history.records import row_of
-from hub.history.wording import row_line
+from hub.history.records import row_line, row_of
 from hub.mqtt.bridge import SceneBridge
 from hub.mqtt.entities import Topics, discovery
 from hub.mqtt.events import verdict_event

@@ -13,9 +13,8 @@ from processes import SOON_S
 
 from common.config import read_scene
 from common.errors import LabanmeshError
-from deploy.commands import jobs, require_free_ports, up
+from deploy.commands import jobs, open_start_barrier, require_free_ports, up
 from deploy.launcher import Job, Launcher, RestartPolicy
-from deploy.start_barrier import open_start_barrier
 
 QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
 LASTING = "import time; print('ready', flush=True); time.sleep(600)"

@@ -20,8 +20,7 @@ from common.messages import Agreement
 from hub.database import DatabaseFault
 from hub.history.history_file import DAY_NS, HistoryFile, HistoryQuery
 from hub.history.keeper import HistoryKeeper
-from hub.history.records import HistoryRow, row_of
-from hub.history.wording import row_line
+from hub.history.records import HistoryRow, row_line, row_of
 
 NOON = 1_700_000_000 * SECOND_NS
 

@@ -10,9 +10,8 @@ from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.messages import Agreement, VerdictMessage, VocabularyReference
 from common.teaching_messages import CorrectedReport, EarlierTakes, ForgottenReport, LearnedReport, TeachReply, Unwanted
-from hub.teaching.correcting import Correction, correct, learn_corrections
+from hub.teaching.correcting import Correction, correct, correction_of, learn_corrections
 from hub.teaching.forgetting import forget, untouched_line
-from hub.teaching.moments import correction_of
 from hub.teaching.participants import Participants
 from hub.teaching.restoring import list_earlier, restore
 
