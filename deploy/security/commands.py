@@ -149,9 +149,7 @@ def revoke(
 
 @secure.command("list")
 def list_(
-    files: SceneFiles,
-    json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
-    to: To = None,
+    files: SceneFiles, json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False, to: To = None
 ) -> None:
     """All certificates with their roles, states and days left.
 

@@ -189,8 +189,7 @@ def _stamp(path: Path) -> FileStamp:
 
 def router(
     endpoint: Annotated[
-        str,
-        typer.Argument(help="Where it listens, by default on this machine alone; tcp/0.0.0.0:7447: for all."),
+        str, typer.Argument(help="Where it listens, by default on this machine alone; tcp/0.0.0.0:7447: for all.")
     ] = "",
     scene: Annotated[
         list[Path] | None,

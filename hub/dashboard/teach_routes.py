@@ -35,14 +35,7 @@ from hub.dashboard.access import (
 )
 from hub.history.notes import forget_in_history, note_corrections
 from hub.home_assistant import home_assistant_advice
-from hub.teaching.lesson_data import (
-    action_of,
-    corrections_of,
-    lesson_server_data,
-    plan_of,
-    take_number,
-    unwanted_of,
-)
+from hub.teaching.lesson_data import action_of, corrections_of, lesson_server_data, plan_of, take_number, unwanted_of
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
 

@@ -23,8 +23,7 @@ hub = sub_verbs(
 def mqtt(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="The scene files, as given to fuse.")],
     remove: Annotated[
-        bool,
-        typer.Option("--remove", help="Delete the scenes from the broker, and so from Home Assistant; then end."),
+        bool, typer.Option("--remove", help="Delete the scenes from the broker, and so from Home Assistant; then end.")
     ] = False,
 ) -> None:
     """Publish states and verdicts to an MQTT broker, for Home Assistant and others, as [hub.mqtt] configures it.

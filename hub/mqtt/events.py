@@ -81,11 +81,7 @@ class VerdictEvents:
 
 def verdict_event(verdict: VerdictMessage, stage: VerdictStage, revises: str | None = None) -> dict[str, Any]:
     """A verdict as an event; `event_type` is its label. revises: the label that it replaces."""
-    how = {
-        "facets": facet_poles(verdict),
-        "facing": facing_degrees(verdict),
-        "contributions": _contributions(verdict),
-    }
+    how = {"facets": facet_poles(verdict), "facing": facing_degrees(verdict), "contributions": _contributions(verdict)}
     words = {"event_type": verdict.label, "stage": stage, "revises": revises, "why": verdict.why}
     return {**words, **_facts(verdict), **votes(verdict), **how}
 

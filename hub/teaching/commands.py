@@ -43,14 +43,11 @@ class TeachOptions:
     background_minutes: Annotated[
         float | None,
         typer.Option(
-            min=0,
-            max=600,
-            help="Minutes of ordinary life, from which observers learn what is no movement; default 2.",
+            min=0, max=600, help="Minutes of ordinary life, from which observers learn what is no movement; default 2."
         ),
     ] = None
     person: Annotated[
-        str,
-        typer.Option(help="Who performs; by default someone, and with --was the only person who was taught."),
+        str, typer.Option(help="Who performs; by default someone, and with --was the only person who was taught.")
     ] = ""
     add: Annotated[bool, typer.Option("--add", help="Keep the movements that were taught before.")] = False
     reference: Annotated[

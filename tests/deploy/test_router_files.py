@@ -12,13 +12,7 @@ from processes import SOON_S
 
 from common.config import MeshConfig
 from common.link import Link
-from common.zenoh_settings import (
-    LEASE_MS,
-    MAX_MESSAGE_BYTES,
-    NEVER_BLOCKING,
-    nested,
-    settings,
-)
+from common.zenoh_settings import LEASE_MS, MAX_MESSAGE_BYTES, NEVER_BLOCKING, nested, settings
 
 ROUTERS = Path(__file__).parents[2] / "deploy" / "zenoh"
 PLAIN, SECURED = ROUTERS / "router.json5", ROUTERS / "router-secured.json5"

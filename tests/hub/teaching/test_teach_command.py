@@ -47,10 +47,7 @@ def test_a_lesson_does_not_wait_for_cameras_that_are_all_unplugged(capsys):
     interface = SimpleNamespace(now_s=lambda: 0.0, say=print)
     assert terminal_lesson.teachable_observers(
         client(sofa=True, shelf=False), "t", ["sofa", "shelf"], interface, FILE
-    ) == [
-        "sofa",
-        "shelf",
-    ]
+    ) == ["sofa", "shelf"]
     with pytest.raises(LabanmeshError, match=r"no pictures from sofa, shelf: .* labanmesh doctor scene\.toml says why"):
         terminal_lesson.teachable_observers(client(sofa=False, shelf=False), "t", ["sofa", "shelf"], interface, FILE)
 
