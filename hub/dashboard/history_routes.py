@@ -38,7 +38,8 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
     """
     if scene is None:
         return []
-    off = (404, NO_HISTORY_HERE) if not scene.history.file else (403, NO_HISTORY_RIGHT) if not allowed else None
+    path = scene.place(scene.history.file)
+    off = (404, OFF) if not scene.history.file else (403, NO_RIGHT) if not allowed else None
 
     def data(request: Request) -> Response:
         headers = {"cache-control": NO_STORE}
@@ -46,13 +47,15 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
             return PlainTextResponse(off[1], off[0], headers)
         try:
             query = _query(request.query_params)
-            with HistoryFile.to_read(scene.place(scene.history.file)) as file:
+            with HistoryFile.to_read(path) as file:
                 rows, labels = file.select(query), file.labels()
             names = PeopleNames(scene).names
         except ValueError as error:
             return PlainTextResponse(f"{error}\n", 400, headers)
-        except LabanmeshError as error:
-            return PlainTextResponse(f"{error}\n", 503, headers)
+        except DatabaseFault as error:
+            # Where the file lies on this machine is not for browsers.
+            fault = str(error).removeprefix(f"{path}: ")
+            return PlainTextResponse(f"{fault[:1].upper()}{fault[1:]}.\n", 503, headers)
         answer = {
             "scene": scene.scene,
             "fields": PAGE_FIELDS,

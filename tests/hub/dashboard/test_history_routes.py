@@ -100,7 +100,11 @@ def test_what_cannot_be_read_is_one_line(scene, tmp_path):
     for each in tmp_path.glob("h.db*"):
         each.unlink()
     answer = got(scene, "/history/data")
-    assert answer.status_code == 503 and "nothing has been kept yet" in answer.text
+    assert answer.status_code == 503
+    assert (
+        answer.text
+        == "Nothing has been kept yet; labanmesh up, or labanmesh hub events, keeps what happens from then on.\n"
+    )
     assert history_routes(None, teaches=False) == []
 
 
