@@ -165,7 +165,7 @@ def _token(address: Address, path: Path | None) -> str | None:
         if not is_loopback(address):
             raise BadInput(
                 f"{LISTEN_KEY} = {str(address)!r}: other machines can reach that, and hub.dashboard.token_file is not "
-                "set; name a file with a token, or listen on 127.0.0.1"
+                "set; --token-file FILE names a token, --teach makes one, or listen on 127.0.0.1"
             )
         return None
     where = f"hub.dashboard.token_file = {path}"
