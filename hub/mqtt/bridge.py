@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from common import SECOND_NS
 from common.errors import BadInput
 from common.messages import StatusMessage, VerdictMessage
-from hub.anticipation import NEVER, Anticipation, EarlyWord
+from hub.anticipation import Anticipation, EarlyWord
 from hub.mqtt.counters import Counters
 from hub.mqtt.entities import Topics, discovery
 from hub.mqtt.events import EVENT_S, Publication, VerdictEvents, early_event, last_event_state, last_verdict_state
@@ -32,36 +32,28 @@ MESSAGES_LIMIT = 1000
 
 
 class SceneBridge:
-    """What is due for one scene. Times are seconds of a clock that only advances.
+    """What is due for one scene, whose hub shows under the topic `bridge` whether it is connected.
 
-    movements: those with a binary sensor, ALL for each. step_s: seconds between two judgements at most. certainty: how
-    probable a movement must be to be named before it is decided. falls: whether the scene watches for falls.
-    people: the names of several people who are judged apart.
+    Times are seconds of a clock that only advances. Raises BadInput for a movement that is not in the vocabulary.
     """
 
-    def __init__(
-        self,
-        topics: Topics,
-        observers: Sequence[str],
-        movements: Sequence[str],
-        area: str = "",
-        step_s: float = 0.1,
-        certainty: float = NEVER,
-        falls: bool = False,
-        people: Sequence[str] = (),
-    ) -> None:
-        self.topics, self._wanted_movements, self.left_out = topics, movements, 0
-        self._observers, self._area, self._step_s = observers, area, step_s
-        self._names_early, self._falls, self._people = certainty < NEVER, falls, people
-        self._anticipation = Anticipation(certainty)
+    def __init__(self, scene: "Scene", bridge: str) -> None:
+        self._scene, self._wanted_movements, self.left_out = scene, scene.hub.mqtt.movements, 0
+        vocabulary = scene.named_vocabulary
+        for label in self._wanted_movements:
+            if vocabulary and label != ALL and label not in vocabulary.labels:
+                known = ", ".join(vocabulary.labels)
+                raise BadInput(f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {known}")
+        self.topics = topics_of(scene, bridge)
+        self._anticipation = Anticipation(scene.hub.certainty)
         self._facets: frozenset[str] = frozenset()
         self._labels: tuple[str, ...] = ()
         self._discovery: dict[str, str] = {}
         self._of_movements: frozenset[str] = frozenset()
         self._published: dict[str, tuple[RetainedState, float]] = {}
         self._status: dict[str, tuple[StatusMessage, float]] = {}
-        self._verdict_events = VerdictEvents(topics)
-        self.counters = Counters(topics)
+        self._verdict_events = VerdictEvents(self.topics)
+        self.counters = Counters(self.topics)
         self._received: deque[tuple[VerdictMessage, bool, float]] = deque()
         """Whether each answers a query, and when it was received."""
         self._events: deque[tuple[Publication, float]] = deque()
@@ -100,14 +92,14 @@ class SceneBridge:
     def due_states(self, state: SceneState, tokens: frozenset[str], now_s: float) -> list[Publication]:
         """The states that are due now."""
         self._take_verdicts(state, now_s)
-        snapshot = SceneSnapshot(state, tokens, self._status_ages(state, now_s), self._step_s)
+        snapshot = SceneSnapshot(state, tokens, self._status_ages(state, now_s), 1 / self._scene.fusion.step_hz)
         judged = state.judgement if snapshot.judged else None
         words = self._anticipation.expire(now_s) if judged is None else self._anticipation.update(judged, now_s)
         self._add_early(words, now_s)
         self._events.extend((event, now_s) for event in self.counters.follow(state))
         wanted = {topic: RetainedState(payload) for topic, payload in self._entities(state).items()}
-        wanted |= self.counters.retained(self._area)
-        wanted |= retained_states(self.topics, snapshot, self._observers, self._movements, self._facets)
+        wanted |= self.counters.retained(self._scene.hub.mqtt.area)
+        wanted |= retained_states(self.topics, snapshot, self._scene.roster, self._movements, self._facets)
         wanted |= self._removals(wanted)
         if self._verdict_events.last is not None:
             wanted[self.topics.of("last_verdict")] = RetainedState(last_verdict_state(self._verdict_events.last))
@@ -142,17 +134,7 @@ class SceneBridge:
         labels, facets = state.labels or self._labels, self._facets | reported_facets(state.judgement)
         if labels != self._labels or facets != self._facets or not self._discovery:
             self._labels, self._facets = labels, facets
-            self._discovery = discovery(
-                self.topics,
-                self._observers,
-                labels,
-                self._movements,
-                self._area,
-                facets,
-                self._names_early,
-                self._falls,
-                self._people,
-            )
+            self._discovery = discovery(self.topics, self._scene, labels, self._movements, facets)
             self._of_movements |= self.topics.of_labels(labels, self._movements)
         self._of_movements |= self.counters.topics
         return self._discovery
@@ -181,7 +163,7 @@ class SceneBridge:
 
     def _status_ages(self, state: SceneState, now_s: float) -> dict[str, float]:
         for observer, status in state.observer_status.items():
-            if observer in self._observers and self._status.get(observer, (None, 0.0))[0] is not status:
+            if observer in self._scene.roster and self._status.get(observer, (None, 0.0))[0] is not status:
                 self._status[observer] = (status, now_s)
         return {observer: now_s - at_s for observer, (_, at_s) in self._status.items()}
 
@@ -207,21 +189,6 @@ class SceneBridge:
 def topics_of(scene: "Scene", bridge: str) -> Topics:
     """The topics and ids of `scene`, whose hub shows under `bridge` whether it is connected."""
     return Topics(scene.scene, bridge, scene.hub.mqtt.topics, scene.hub.mqtt.discovery)
-
-
-def bridge_of(scene: "Scene", bridge: str) -> SceneBridge:
-    """The bridge of `scene`; raises BadInput for a movement that is not in the scene's vocabulary."""
-    config, vocabulary = scene.hub.mqtt, scene.named_vocabulary
-    for label in config.movements:
-        if vocabulary and label != ALL and label not in vocabulary.labels:
-            known = ", ".join(vocabulary.labels)
-            raise BadInput(f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {known}")
-    step_s, certainty = 1 / scene.fusion.step_hz, scene.hub.certainty
-    falls = scene.watch.fallen is not None
-    people = scene.people.ids if scene.people.most > 1 else ()
-    return SceneBridge(
-        topics_of(scene, bridge), scene.roster, config.movements, config.area, step_s, certainty, falls, people
-    )
 
 
 def require_one_broker(scenes: "Sequence[Scene]") -> None:

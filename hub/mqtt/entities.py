@@ -10,11 +10,15 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from common.errors import BadInput
 from common.facets import EFFORT, SHAPE
 from common.vocabulary import ABSTAIN
+from hub.anticipation import NEVER
+
+if TYPE_CHECKING:
+    from common.config import Scene
 
 TOPIC = re.compile(r"[a-zA-Z0-9_-]+(/[a-zA-Z0-9_-]+)*\Z")
 DEFAULTS = {"hub.mqtt.discovery": "homeassistant", "hub.mqtt.topics": "labanmesh"}
@@ -169,23 +173,19 @@ def _device(topics: Topics, observer: str, area: str) -> dict[str, Any]:
 
 def discovery(
     topics: Topics,
-    observers: Sequence[str],
+    scene: "Scene",
     labels: Sequence[str],
     movements: Sequence[str],
-    area: str,
     facets: frozenset[str] = frozenset(),
-    early: bool = False,
-    falls: bool = False,
-    people: Sequence[str] = (),
 ) -> dict[str, str]:
     """Topic and payload for each entity and device trigger of the scene; events and triggers need `labels`.
 
-    movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
-    falls: whether the scene watches for falls. people: the names of several.
+    movements: those with a binary sensor. facets: those that observers report.
     """
-    entities = [*_scene(topics, movements, facets, people), *_events(topics, labels, early)]
-    entities += _falls(topics) if falls else []
-    entities += [entity for observer in observers for entity in _observer(topics, observer)]
+    area, people = scene.hub.mqtt.area, scene.people.ids if scene.people.most > 1 else ()
+    entities = [*_scene(topics, movements, facets, people), *_events(topics, labels, scene.hub.certainty < NEVER)]
+    entities += [] if scene.watch.fallen is None else _falls(topics)
+    entities += [entity for observer in scene.roster for entity in _observer(topics, observer)]
     return dict([*(entity.discovery(topics, area) for entity in entities), *_triggers(topics, labels, area)])
 
 

@@ -24,7 +24,7 @@ from common.notify import Notifier
 from common.text import plural
 from hub.anticipation import is_early
 from hub.instrumentation import HubInstrumentation, instrumented
-from hub.mqtt.bridge import SceneBridge, bridge_of, require_one_broker
+from hub.mqtt.bridge import SceneBridge, require_one_broker
 from hub.mqtt.broker import MqttBroker, broker_of, fault_text, permanent_fault
 from hub.mqtt.events import Publication, recalled_ns
 from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
@@ -75,7 +75,7 @@ class MqttHub:
                 if mesh not in links:
                     links[mesh] = stack.enter_context(Link.open(scene.mesh, "hub", stop=self._stop))
                 listener = stack.enter_context(self._listener(scene, links[mesh]))
-                bridge, alive = bridge_of(scene, self._broker.bridge), scene.keys.hub_alive("mqtt")
+                bridge, alive = SceneBridge(scene, self._broker.bridge), scene.keys.hub_alive("mqtt")
                 self._served.append(_ServedScene(bridge, listener, links[mesh], alive))
             await self._stay_connected()
 
@@ -263,7 +263,7 @@ def serve(scenes: Sequence[Scene], stop: threading.Event) -> None:
     broker = broker_of(scenes[0])
     require_one_broker(scenes)
     for scene in scenes:
-        bridge_of(scene, broker.bridge)
+        SceneBridge(scene, broker.bridge)
 
     async def run(instrumentation: HubInstrumentation) -> None:
         hub = MqttHub(scenes, broker, stop, instrumentation)

@@ -14,7 +14,7 @@ import zenoh
 from processes import SOON_S, labanmesh
 
 from common import SECOND_NS
-from common.config import MeshConfig
+from common.config import MeshConfig, Scene
 from common.fall_messages import FallMessage
 from common.keys import SceneKeys
 from common.link import Link
@@ -44,6 +44,13 @@ with Link.open(MeshConfig(endpoint=endpoint), "observer") as link:
     while not stop.wait(0.5):
         publisher.put(encode(StatusMessage(scene=scene, id=name, state="running", rate_hz=15.0)))
 """
+
+
+def scene_of(name="room", observers=("cam1", "cam2"), movements=(), certainty=1.0, area="", **sections):
+    """A scene as its file has it; sections: further ones."""
+    hub = {"certainty": certainty, "mqtt": {"movements": movements, "area": area}}
+    roster = {observer: {"source": "a.npz"} for observer in observers}
+    return Scene.model_validate({"scene": name, "observers": roster, "hub": hub, **sections})
 
 
 def environment(**more):

@@ -2,6 +2,8 @@
 
 import json
 
+from played_scene import scene_of
+
 from common import SECOND_NS
 from hub.anticipation import Anticipation
 from hub.dashboard.history import SceneHistory
@@ -84,15 +86,16 @@ def test_the_page_gets_everybody_and_of_one_person_what_it_got(make):
 
 
 def test_mqtt_has_a_sensor_for_each_person(make):
-    bridge = SceneBridge(TOPICS, ("cam1",), (), people=("left", "right"))
+    scene = scene_of(people={"most": 2, "names": ["left", "right"]})
+    bridge = SceneBridge(scene, TOPICS.bridge)
     bridge.recall(None)
     due = {each.topic: each.payload for each in bridge.due_states(folded(make, *both(make)), frozenset(), 0.0)}
     states = {person: json.loads(due[f"labanmesh/room/person/{person}"])["movement"] for person in ("left", "right")}
     assert states == {"left": "rest", "right": "ok"}
-    configs = discovery(TOPICS, (), ("ok",), (), "", people=("left", "right"))
+    configs = discovery(TOPICS, scene, ("ok",), ())
     named = [json.loads(each)["name"] for each in configs.values() if "Movement of" in each]
     assert named == ["Movement of left", "Movement of right"]
-    assert not any("person" in topic for topic in discovery(TOPICS, (), ("ok",), (), ""))
+    assert not any("person" in topic for topic in discovery(TOPICS, scene_of(), ("ok",), ()))
 
 
 def test_an_early_word_on_one_person_is_not_withdrawn_by_the_rest_of_another(make):

@@ -5,6 +5,7 @@ import signal
 import time
 
 import pytest
+from played_scene import scene_of
 
 from common.message_types import MovementTimes
 from hub.mqtt.bridge import SceneBridge
@@ -21,7 +22,7 @@ def repeated(make, *labels):
 
 class Stage:
     def __init__(self, make, *labels, left=()):
-        self.make, self.bridge, self.at_s = make, SceneBridge(TOPICS, ("cam1", "cam2"), ()), 0.0
+        self.make, self.bridge, self.at_s = make, SceneBridge(scene_of(), TOPICS.bridge), 0.0
         for topic in left:
             self.bridge.note_left(topic, left[topic])
         self.bridge.recall(None)

@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from played_scene import scene_of
 
 from common.fall_messages import FallMessage
 from common.messages import Agreement
@@ -25,7 +26,7 @@ class Broker:
     """What a bridge has published last under each topic."""
 
     def __init__(self):
-        self.bridge = SceneBridge(TOPICS, ("cam1",), (), falls=True)
+        self.bridge = SceneBridge(scene_of(watch={"fallen": {}}), TOPICS.bridge)
         self.bridge.recall(None)
         self.state, self.now_s, self.topics = SceneState("room"), 0.0, {}
 
@@ -39,9 +40,9 @@ class Broker:
 
 
 def test_entities_are_there_only_if_the_scene_watches():
-    without = discovery(TOPICS, (), ("ok",), (), "")
+    without = discovery(TOPICS, scene_of(), ("ok",), ())
     assert not any("FALLEN" in topic for topic in without)
-    entities = discovery(TOPICS, (), ("ok",), (), "", falls=True)
+    entities = discovery(TOPICS, scene_of(watch={"fallen": {}}), ("ok",), ())
     alarm = json.loads(entities["homeassistant/binary_sensor/labanmesh_room_FALLEN/config"])
     assert alarm["device_class"] == "safety" and alarm["state_topic"] == "labanmesh/room/fallen"
     assert [each["topic"] for each in alarm["availability"]] == [TOPICS.bridge], "an alarm stays when the watch is away"

@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from played_scene import scene_of
 from processes import until
 
 from common.errors import BadInput
@@ -24,7 +25,7 @@ class Driver:
     """A bridge, and what it publishes in one scene."""
 
     def __init__(self, make, recalled=True, movements=("nthrow",), **more):
-        self.make, self.bridge = make, SceneBridge(TOPICS, OBSERVERS, movements, **more)
+        self.make, self.bridge = make, SceneBridge(scene_of(movements=movements, **more), TOPICS.bridge)
         if recalled:
             self.bridge.recall(None)
 
@@ -67,7 +68,7 @@ def test_ids_are_legal_and_unique():
     ids = set()
     scenes = {"a": ("b_c", "b-c", "b"), "a_b": ("c", "observer"), "a-b": ("c",), "a_observer_b": ("c",)}
     for scene, observers in scenes.items():
-        topics = discovery(Topics(scene, "x"), observers, ("wave", "b"), ("wave", "b"), "")
+        topics = discovery(Topics(scene, "x"), scene_of(scene, observers), ("wave", "b"), ("wave", "b"))
         for topic, payload in topics.items():
             head, _, unique_id, tail = topic.split("/")
             assert (head, tail) == ("homeassistant", "config") and re.fullmatch(r"[a-zA-Z0-9_-]+", unique_id)
@@ -77,7 +78,7 @@ def test_ids_are_legal_and_unique():
 
 
 def test_observers_hang_below_their_scene_and_need_the_hub_and_themselves():
-    configs = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "Dojo").items()}
+    configs = {t: json.loads(p) for t, p in discovery(TOPICS, scene_of(area="Dojo"), ("ok",), ()).items()}
     assert len(configs) == 8 + 10 * len(OBSERVERS)
     age, verdict = configs[sensor("OBSERVER_cam1_AGE")], configs["homeassistant/event/labanmesh_room_VERDICT/config"]
     assert age["device"]["via_device"] == verdict["device"]["identifiers"][0]
@@ -90,7 +91,7 @@ def test_observers_hang_below_their_scene_and_need_the_hub_and_themselves():
 
 
 def test_words_that_may_be_null_are_unknown_in_home_assistant():
-    configs = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "").items()}
+    configs = {t: json.loads(p) for t, p in discovery(TOPICS, scene_of(), ("ok",), ()).items()}
     for what, field in (("MOVEMENT", "movement"), ("OBSERVER_cam1_OPINION", "opinion"), ("LAST_VERDICT", "label")):
         assert configs[sensor(what)]["value_template"] == "{{ value_json." + field + " or 'unknown' }}"
 
