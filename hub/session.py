@@ -15,8 +15,8 @@ from common.keys import SceneKeys, observer_of
 from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.same_movement import SameMovement
-from common.wire import BadMessage, check_vocabulary, decode_from
-from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole, is_abstention
+from common.wire import BadMessage, decode_from
+from hub.scene_state import MESSAGE_KINDS, SceneMessage, SceneState, SenderRole, is_abstention
 
 if TYPE_CHECKING:
     from common.config import Scene

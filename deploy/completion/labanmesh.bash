@@ -19,7 +19,7 @@ _labanmesh() {
             "hub events") words="" ;;
             "hub "*) words="mqtt events" ;;
             "capture "*) words="--output -o --for" ;;
-            "replay "*) words="--without --rule --quorum --threshold --from --json --onto --speed --only --as-recorded" ;;
+            "replay "*) words="--without --rule --quorum --threshold --from --json --onto --speed --only" ;;
             "camera look") words="--tracker -o --output --frames --pose-model --skin --face --save-skin --view --recording --show" ;;
             "camera calibrate") words="--board --points --read --lens -o --output --origin --lying --apart --up --every" ;;
             "camera place") words="--seconds --observers --gate" ;;
@@ -30,7 +30,7 @@ _labanmesh() {
             "learn "*) words="-o --output --view --place --facing --scene --observers --sensor --model --labels --subjects --body-parts --rate --add-to --background --background-labels --name --parameter --effort --known-people --reference --jobs" ;;
             "forget "*) words="--person --label --all --clips --yes --labels -o --output" ;;
             "score "*) words="--references --label --subjects --trials --reference-trials --views --report --json" ;;
-            "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --room --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --through --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
+            "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
             "observe "*) words="--preview" ;;
             "fuse "*) words="--id" ;;
             "router "*) words="--scene --config" ;;

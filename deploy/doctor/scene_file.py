@@ -172,7 +172,7 @@ def _hubs(scene: Scene) -> Iterator[Finding]:
         try:
             hub_words(name)
         except BadInput as fault:
-            yield from_fault(GROUP, "error", str(fault), WAY_OUT)
+            yield from_fault(GROUP, "error", str(fault), SCENE_WAY_OUT)
 
 
 def _observers(facts: SceneFacts) -> Iterator[Finding]:

@@ -46,9 +46,9 @@ def new(
 
 def package(kind: str, name: str) -> dict[str, str]:
     """The files of a new package, by name; raises BadInput for an unknown kind and for a name that cannot be used."""
-    if kind not in KINDS:
+    if kind not in ENTRY_POINT_GROUPS:
         raise BadInput(f"{kind!r}: observer, hub or rule is expected")
-    if not NAME.fullmatch(name) or keyword.iskeyword(name):
+    if not PACKAGE_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise BadInput(f"{name!r}: lower case letters, digits and underscores, 32 at most, a letter first")
     skeletons = files("deploy.new_package") / "skeletons"
     words = {"name": name, "group": ENTRY_POINT_GROUPS[kind], "object": "RULE" if kind == "rule" else name}

@@ -11,8 +11,8 @@ from starlette.routing import Route
 
 from common import MS_NS
 from common.clip_name import clip_parts, safe_word
-from common.errors import LabanmeshError
 from hub.dashboard.access import NO_STORE, static_page
+from hub.database import DatabaseFault
 from hub.history.history_file import HistoryFile, HistoryQuery
 from hub.history.records import PAGE_FIELDS, ROW_KINDS
 from hub.people_names_file import PeopleNames
@@ -39,7 +39,7 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
     if scene is None:
         return []
     path = scene.place(scene.history.file)
-    off = (404, OFF) if not scene.history.file else (403, NO_RIGHT) if not allowed else None
+    off = (404, NO_HISTORY_HERE) if not scene.history.file else (403, NO_HISTORY_RIGHT) if not allowed else None
 
     def data(request: Request) -> Response:
         headers = {"cache-control": NO_STORE}

@@ -64,7 +64,12 @@ class ServingRun:
 
 
 def follow(
-    scene: "Scene", link: "Link", stream: LiveStream, go_on: Callable[[], bool], record: Callable[[SceneUpdate], None]
+    scene: "Scene",
+    link: "Link",
+    stream: LiveStream,
+    go_on: Callable[[], bool],
+    record: Callable[[SceneUpdate], None],
+    names: Callable[[], Mapping[str, str]] = dict,
 ) -> None:
     """Publish to `stream` what happens in `scene` while `go_on()`: verdicts at once, the state ten times a second."""
     presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))

@@ -211,7 +211,8 @@ def is_foreign(request: Request) -> bool:
     return origin is not None and urlsplit(origin).netloc != request.headers.get("host", "")
 
 
-async def _json(request: Request) -> dict[str, Any]:
+async def json_of(request: Request) -> dict[str, Any]:
+    """The JSON object of a request; raises BadInput for a longer one and for anything else."""
     body = await body_of(request, BODY_LIMIT)
     if len(body) > BODY_LIMIT:
         raise BadInput(f"too long: {BODY_LIMIT} bytes are allowed")

@@ -49,7 +49,7 @@ def history(
         raise BadInput(f"--kind {kind[:40]!r}: {' or '.join(ROW_KINDS)} is expected")
     config = read_scene(scene)
     if not config.history.file:
-        raise BadInput(f"scene {config.scene}: {OFF}")
+        raise BadInput(f"scene {config.scene}: {NO_HISTORY}")
     from_ns, until_ns = _span(day, since, until)
     with HistoryFile.to_read(config.place(config.history.file)) as file:
         rows = file.select(HistoryQuery(kind, label, from_ns, until_ns, last))

@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from common import MS_NS, SECOND_NS
 from common.fall_messages import FallMessage
+from common.message_types import printable
 from common.messages import VerdictMessage
-from common.text import printable
 from common.vocabulary import ABSTAIN
 from hub.anticipation import probability
 from hub.wording import calendar_time, clock_time, moment, percent, rounded

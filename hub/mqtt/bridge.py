@@ -67,7 +67,7 @@ class SceneBridge:
         self._received.append((verdict, answered, now_s))
         if not answered:
             self.counters.take(verdict)
-        if len(self._received) > WAITING_LIMIT:
+        if len(self._received) > MESSAGES_LIMIT:
             self._verdict_events.remember(self._received.popleft()[0])
             self.left_out += 1
 

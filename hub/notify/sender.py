@@ -15,7 +15,8 @@ from urllib.parse import urlsplit
 
 from common import SECOND_NS
 from common.config_events import NotifyConfig
-from common.text import plural, printable
+from common.message_types import printable
+from common.text import plural
 from hub.database import DatabaseFault
 from hub.notify.notification import WebhookRequest, signed
 from hub.notify.notification_queue import NotificationQueue, Waiting
@@ -149,7 +150,7 @@ class WebhookSender:
         while not self._ended.is_set():
             try:
                 waiting = self._queue.oldest(self._receiver.name)
-                pause_s = EMPTY_QUEUE_S if waiting is None else self._send(waiting)
+                pause_s = IDLE_S if waiting is None else self._send(waiting)
             except DatabaseFault as error:
                 pause_s = self._failed(str(error))
             if self._failures:

@@ -246,7 +246,7 @@ class LessonServer:
                 teacher = lesson.id if lesson is not None and waits else self._own_id
                 status = TeachRequest(command="status", teacher=teacher)
                 self._take_in(self._quick_client.ask(status, names_of(self._presence, self.scene)))
-            self._closed.wait(LOOK_S if self._replies else FIRST_S)
+            self._closed.wait(REPLY_LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:
         alive = names_of(self._presence, self.scene)

@@ -12,7 +12,7 @@ from common.config_sections import ClipsConfig
 from common.credentials import Certificate
 from deploy.doctor.broker import BrokerFacts, broker_facts, check_broker
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
-from deploy.doctor.commands import COLOURS
+from deploy.doctor.commands import MARK_COLOURS
 from deploy.doctor.findings import GROUPS, MARKS, Finding, as_json, from_fault, page, settings_in_force, summary, worst
 from deploy.doctor.machine import (
     MachineFacts,
