@@ -71,7 +71,7 @@ IMPURE = {
         "hub.lan hub.phone.code_page hub.phone.serving "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.mqtt.broker "
-        "hub.notify.sender hub.dashboard.history_routes hub.dashboard.phone_routes "
+        "hub.notify.sender hub.dashboard.history_routes hub.dashboard.people_routes hub.dashboard.phone_routes "
         "hub.teaching.rehearsal hub.teaching.scene_here hub.teaching.terminal hub.teaching.terminal_lesson "
         "studies.performer.cameras "
         "studies.demo* "
