@@ -165,7 +165,8 @@ def thinned(rows: StackerRows | None, rng: np.random.Generator) -> StackerRows |
         return rows
     chosen = rng.permutation(len(rows.truth))[:MOST_ROWS]
     weights = rows.weights[chosen] * (rows.weights.sum() / rows.weights[chosen].sum())
-    return StackerRows(rows.instants.at(chosen), rows.truth[chosen], rows.shown[chosen], weights)
+    instants, truth, shown = rows.instants.at(chosen), rows.truth[chosen], rows.shown[chosen]
+    return StackerRows(instants, truth, shown, weights, rows.teaches_label[chosen])
 
 
 def _divided(task: Task, archive: MotionArchive) -> tuple[list[Recording], list[Recording]]:
@@ -189,7 +190,7 @@ def learn_prior(tasks: Sequence[tuple[Floats, StackerRows]], sets: Sequence[str]
     z = np.array([task for task, _ in tasks])
     of_labels: list[LabelLoss | ElseLoss] = []
     for _, rows in tasks:
-        known = rows.truth >= 0
+        known = rows.teaches_label
         of_labels.append(LabelLoss(rows.instants.at(known), rows.truth[known], rows.weights[known]))
     start = np.zeros((len(MEMBERS), len(CONTEXT)))
     start[: len(MEMBERS) - 1, 0] = 1 / (len(MEMBERS) - 1)

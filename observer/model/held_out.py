@@ -14,7 +14,7 @@ import numpy as np
 from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import hop_of, tracks_of, width_of
 from observer.model.cross_validation import HeldOutResult
-from observer.model.stacker import Instants, Stacker, StackerPrior, StackerRows, fit
+from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit
 from observer.model.training_memory import trace_in
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
@@ -127,7 +127,10 @@ def _watch_tracks(
 
 
 def _watch_streams(model: "Stacked", streams: Sequence[Stream], watched_s: float) -> Iterator[Watched]:
-    """Each instant in which the person does not rest weighs as long as it lasts, in seconds."""
+    """Each instant in which the person does not rest.
+
+    It weighs as long as it lasts: of a movement as a share of it, of other motion in seconds.
+    """
     left, hop = watched_s * model.header.rate_hz, hop_of(model.header.rate_hz)
     for stream in streams:
         tracks: Sequence[Tracks] = stream.tracks[: max(int(left), 0)]
@@ -138,9 +141,10 @@ def _watch_streams(model: "Stacked", streams: Sequence[Stream], watched_s: float
             if frame % hop or watch.instant is None or watch.rest >= 0.5:
                 continue
             span = next((s for s in stream.spans if s.begin <= frame < s.end), None)
-            progress = 0.0 if span is None else (frame + 1 - span.begin) / (span.end - span.begin)
+            lasts = model.header.rate_hz if span is None else span.end - span.begin
+            progress = 0.0 if span is None else (frame + 1 - span.begin) / lasts
             truth = -1 if span is None else max(span.movement, -1)
-            yield Watched(watch.instant, -1, truth, progress, hop / model.header.rate_hz)
+            yield Watched(watch.instant, -1, truth, progress, hop / lasts)
 
 
 def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows | None:
@@ -151,6 +155,8 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
     truth = np.array([one.truth for one in watched], np.int64)
     shown = np.array([min(one.progress / RECOGNISABLE, 1.0) for one in watched])
     weights = np.array([one.weight for one in watched])
+    # In a stream a begin that seems known may be that of the movement before.
+    segment = np.array([one.example >= 0 or bool(one.instant.context[BEGIN_UNKNOWN]) for one in watched])
     known = truth >= 0
     late = known & np.array([one.progress >= STRANGE_FROM for one in watched])
     if struck and late.any() and instants.members.shape[-1] > 2:
@@ -163,7 +169,8 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
         # As many as are lacking: other motion that was recorded counts first.
         lacking = max(STRANGE_SHARE * weights[known].sum() - weights[~known].sum(), 0.0)
         weights = np.concatenate([weights, weights[late] * (lacking / weights[late].sum())])
-    return StackerRows(instants, truth, shown, weights)
+        segment = np.concatenate([segment, np.full(int(late.sum()), False)])
+    return StackerRows(instants, truth, shown, weights, segment & (truth >= 0))
 
 
 def held_out_results(

@@ -33,6 +33,7 @@ distance from the nearest take; the logarithm of the probability that two member
 of ln M; the mean over P(m) of the logarithm of how far the parts went, as a share of the movement's usual extent, at
 most 0."""
 OTHER_CONTEXT = CONTEXT[:4]
+BEGIN_UNKNOWN = CONTEXT.index("unknown")
 TASK = ("one", "takes", "people", "movements", "other motion")
 """1; the logarithms of the numbers of takes of a movement, of people and of movements, and of 1 + the seconds of other
 motion, from which the members have learned."""
@@ -215,13 +216,15 @@ class StackerRows:
     """N instants of material from which the members have not learned.
 
     truth (N,): the movement, -1 for something else. shown (N,): how far it shows already, 0 to 1. weights (N,): those
-    of one recording sum to about 1, because its instants are not independent.
+    of one recording sum to about 1, because its instants are not independent. teaches_label (N,): whether B is learned
+    from it.
     """
 
     instants: Instants
     truth: Integers
     shown: Floats
     weights: Floats
+    teaches_label: NDArray[np.bool_]
 
 
 def fit(prior: StackerPrior, task: Floats, rows: StackerRows | None) -> Stacker:
@@ -229,15 +232,12 @@ def fit(prior: StackerPrior, task: Floats, rows: StackerRows | None) -> Stacker:
     start = prior.stacker(task)
     if rows is None or not len(rows.truth):
         return start
-    moving = rows.truth >= 0
     weights, other = start.weights, start.other
-    if moving.any():
-        chosen = rows.instants.at(moving)
-        weights = most_probable(
-            LabelLoss(chosen, rows.truth[moving], rows.weights[moving]), start.weights, prior.weights.spreads
-        )
+    if (chosen := rows.teaches_label).any():
+        loss = LabelLoss(rows.instants.at(chosen), rows.truth[chosen], rows.weights[chosen])
+        weights = most_probable(loss, start.weights, prior.weights.spreads)
     p, _ = Stacker(weights, other).judge(rows.instants)
-    target = np.where(moving, 1.0 - rows.shown, 1.0)
+    target = np.where(rows.truth >= 0, 1.0 - rows.shown, 1.0)
     return Stacker(weights, most_probable(ElseLoss(rows.instants, p, target, rows.weights), other, prior.other.spreads))
 
 

@@ -140,16 +140,23 @@ def rows_of(rng, count, stacker):
     p, something_else = stacker.judge(instants)
     truth = np.array([rng.choice(4, p=row) for row in p])
     truth[rng.random(count) < something_else] = -1
-    return StackerRows(instants, truth, np.ones(count), np.ones(count))
+    return StackerRows(instants, truth, np.ones(count), np.ones(count), truth >= 0)
 
 
 def test_without_rows_it_is_the_mean_of_the_prior():
     rng = np.random.default_rng(0)
     nothing = rows_of(rng, 3, stacker_of(rng))
-    nothing = StackerRows(nothing.instants.at(np.zeros(0, int)), *(np.zeros(0, int),) * 3)
+    nothing = StackerRows(nothing.instants.at(np.zeros(0, int)), *(np.zeros(0, int),) * 3, np.zeros(0, bool))
     for fitted in (fit(PRIOR, TASK_ONE, None), fit(PRIOR, TASK_ONE, nothing)):
         mean = PRIOR.stacker(TASK_ONE)
         assert (fitted.weights == mean.weights).all() and (fitted.other == mean.other).all()
+
+
+def test_rows_that_teach_no_label_move_only_what_is_known_of_something_else():
+    rng = np.random.default_rng(2)
+    rows = replace(rows_of(rng, 50, stacker_of(rng)), teaches_label=np.zeros(50, bool))
+    fitted, mean = fit(PRIOR, TASK_ONE, rows), PRIOR.stacker(TASK_ONE)
+    assert (fitted.weights == mean.weights).all() and (fitted.other != mean.other).any()
 
 
 def test_rows_move_it_as_far_as_they_are_evidence():
@@ -160,7 +167,7 @@ def test_rows_move_it_as_far_as_they_are_evidence():
     best = minimize(lambda w: loss(w.reshape(J, Q)), np.zeros(J * Q), jac=True, method="L-BFGS-B").fun
     many = fit(prior, TASK_ONE, rows)
     at = np.flatnonzero(moving)[:1]
-    one = StackerRows(rows.instants.at(at), rows.truth[at], rows.shown[at], rows.weights[at])
+    one = StackerRows(rows.instants.at(at), rows.truth[at], rows.shown[at], rows.weights[at], np.array([True]))
     little = fit(prior, TASK_ONE, one)
     start, chance = prior.stacker(TASK_ONE), np.log(4)
     assert (loss(many.weights)[0] - best) / moving.sum() < 0.01, "many: the maximum likelihood"

@@ -21,7 +21,7 @@ from observer.model.cross_validation import CrossValidation
 from observer.model.held_out import STRANGE_FROM, STRANGE_SHARE, Watched, rows_of_fold, stacker_rows, streams_left_out
 from observer.model.logistic import LogisticRegression
 from observer.model.stacked import Stacked
-from observer.model.stacker import LOWEST
+from observer.model.stacker import BEGIN_UNKNOWN, LOWEST
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
     RECOGNISABLE,
@@ -257,6 +257,15 @@ def test_of_ordinary_life_each_fold_leaves_out_and_watches_another_part(header, 
     learned = np.array([table._stream_rows_apart({0}, (k, 3))[0] for k in range(3)])
     assert (learned.sum(axis=0) == 2).all(), "each row is left out once"
     assert (~learned).sum(axis=1).tolist() == [len(part.tracks) for part in parts]
+
+
+def test_a_movement_in_a_stream_weighs_as_one_take_however_long_it_lasts(watched):
+    _, rows, _ = watched
+    inside = [row for row in rows if row.example < 0 and row.truth >= 0]
+    assert 0 < sum(row.weight for row in inside) <= 1.2
+    taught = stacker_rows(rows, struck=False).teaches_label
+    begins_known = [row.example < 0 and not row.instant.context[BEGIN_UNKNOWN] for row in rows]
+    assert [not t for t in taught] == [known or row.truth < 0 for known, row in zip(begins_known, rows, strict=True)]
 
 
 def test_streams_of_people_who_were_learned_from_are_not_watched_and_of_others_so_many_seconds(watched):
