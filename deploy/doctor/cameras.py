@@ -21,10 +21,10 @@ from common.tracker_choice import chosen_tracker
 from deploy.doctor.findings import Finding, Mark, from_fault, ok, warning
 from deploy.doctor.network import connect_to
 
-GROUP: Final = "cameras"
+CAMERAS: Final = "cameras"
 CameraAccess = Literal["readable", "forbidden", "absent", "unknown"]
 DEVICES = Path("/dev")
-NAMES = Path("/sys/class/video4linux")
+WEBCAM_NAMES = Path("/sys/class/video4linux")
 PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443}
 TEST_S = 20.0
 """`labanmesh camera look` itself gives a camera 10 s, and then names the cause."""
@@ -77,7 +77,7 @@ class ObserverCamera:
     test: CameraTest | None = None
 
 
-def webcams(devices: Path = DEVICES, names: Path = NAMES) -> list[Webcam]:
+def webcams(devices: Path = DEVICES, names: Path = WEBCAM_NAMES) -> list[Webcam]:
     """The cameras of this machine, by number, without the second node of a device, which carries metadata."""
     places = sorted(devices.glob("video[0-9]*"), key=lambda place: (len(place.name), place.name))
     return [_webcam(place, names) for place in places if _read(names / place.name / "index") in ("", "0")]
@@ -103,9 +103,9 @@ def _may_work(each: ObserverCamera) -> bool:
 def _cameras(scene: Scene, observer: str) -> Iterator[Webcam | NetworkCamera]:
     source = scene.observer(observer).source
     if source.isdecimal():
-        yield _webcam(DEVICES / f"video{source}", NAMES)
+        yield _webcam(DEVICES / f"video{source}", WEBCAM_NAMES)
     elif source.startswith(("/dev/video", "/dev/v4l/")):
-        yield _webcam(Path(source), NAMES)
+        yield _webcam(Path(source), WEBCAM_NAMES)
     elif source.partition("://")[0].lower() in PORTS:
         yield _network_camera(source)
 
@@ -180,25 +180,25 @@ def check_cameras(cameras: Sequence[ObserverCamera], present: Sequence[Webcam], 
 
 def no_webcam() -> Finding:
     """The finding where neither a scene nor this machine has a camera."""
-    return warning(GROUP, "no webcam on this machine", "plug one in, or name an address or a recording as source")
+    return warning(CAMERAS, "no webcam on this machine", "plug one in, or name an address or a recording as source")
 
 
 def _presence(each: ObserverCamera, mark: Mark, present: Sequence[Webcam]) -> Finding:
     camera, name = each.camera, each.observer
     if isinstance(camera, NetworkCamera):
         if not camera.fault:
-            return ok(GROUP, f"{name}: {camera.url} can be reached, {camera.took_s * 1000:.0f} ms")
+            return ok(CAMERAS, f"{name}: {camera.url} can be reached, {camera.took_s * 1000:.0f} ms")
         to_do = "switch it on, connect it to this network, or correct its address"
-        return Finding(GROUP, mark, f"{name}: {camera.url}: {camera.fault}", to_do)
+        return Finding(CAMERAS, mark, f"{name}: {camera.url}: {camera.fault}", to_do)
     if camera.access == "readable":
-        return ok(GROUP, f"{name}: {camera} is there and may be read")
+        return ok(CAMERAS, f"{name}: {camera} is there and may be read")
     if camera.access == "forbidden":
-        return Finding(GROUP, mark, f"{name}: {camera.place} may not be read by this user", camera.permission)
+        return Finding(CAMERAS, mark, f"{name}: {camera.place} may not be read by this user", camera.permission)
     if camera.access == "absent":
         others = ", ".join(webcam.place for webcam in present) or "none"
         to_do = f"plug it in, or correct source; webcams here: {others}"
-        return Finding(GROUP, mark, f"{name}: {camera.place} is not there", to_do)
-    return warning(GROUP, f"{name}: webcams cannot be listed on this system", f"labanmesh camera look {camera.place}")
+        return Finding(CAMERAS, mark, f"{name}: {camera.place} is not there", to_do)
+    return warning(CAMERAS, f"{name}: webcams cannot be listed on this system", f"labanmesh camera look {camera.place}")
 
 
 def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
@@ -207,17 +207,17 @@ def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
             continue
         if each.test.fault:
             way_out = "end other programs that use this camera (the observer itself?), then try again"
-            yield from_fault(GROUP, "error", f"{each.observer}: {each.test.fault}", way_out)
+            yield from_fault(CAMERAS, "error", f"{each.observer}: {each.test.fault}", way_out)
         for advice in each.test.advice:
             if advice.startswith(ALL_WELL):
-                yield ok(GROUP, f"{each.observer}: test picture: {advice}")
+                yield ok(CAMERAS, f"{each.observer}: test picture: {advice}")
             else:
                 what, _, to_do = advice.partition(": ")
                 to_do = to_do or "labanmesh camera look shows the picture"
-                yield warning(GROUP, f"{each.observer}: test picture: {what}", to_do)
+                yield warning(CAMERAS, f"{each.observer}: test picture: {what}", to_do)
 
 
 def _spare(webcam: Webcam) -> Finding:
     if webcam.access == "forbidden":
-        return warning(GROUP, f"{webcam} is there, and may not be read by this user", webcam.permission)
-    return ok(GROUP, f"{webcam} is there, and no observer of this machine uses it")
+        return warning(CAMERAS, f"{webcam} is there, and may not be read by this user", webcam.permission)
+    return ok(CAMERAS, f"{webcam} is there, and no observer of this machine uses it")

@@ -22,7 +22,7 @@ from deploy.doctor.findings import Finding, Mark, error, ok, warning
 if TYPE_CHECKING:
     from common.config import Scene
 
-GROUP: Final = "this machine"
+THIS_MACHINE: Final = "this machine"
 ClockState = Literal["synchronised", "free", "unknown"]
 MIB = 1 << 20
 GIB = 1 << 30
@@ -219,7 +219,7 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
     """
     lacking: Mark = "error" if certain else "warning"
     return [
-        ok(GROUP, f"labanmesh {facts.labanmesh}, Python {facts.python}, {facts.system}"),
+        ok(THIS_MACHINE, f"labanmesh {facts.labanmesh}, Python {facts.python}, {facts.system}"),
         *_packages(facts.packages),
         *_opencv(facts, needs, lacking),
         *_mediapipe(facts.mediapipe, needs, lacking),
@@ -231,11 +231,11 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
 def _packages(packages: Sequence[Package]) -> Iterator[Finding]:
     good = [f"{package.name} {package.version}" for package in packages if package.version and package.fits]
     if good:
-        yield ok(GROUP, ", ".join(good))
+        yield ok(THIS_MACHINE, ", ".join(good))
     for package in packages:
         if not (package.version and package.fits):
             what = package.misfit if package.version else f"{package.name} is not installed"
-            yield error(GROUP, what, f"pip install '{package.name}{package.bounds}'")
+            yield error(THIS_MACHINE, what, f"pip install '{package.name}{package.bounds}'")
 
 
 def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
@@ -243,19 +243,19 @@ def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator
     if not package.version:
         if needs.opencv:
             what = f"OpenCV is not installed; needed by {', '.join(needs.opencv)}"
-            yield Finding(GROUP, lacking, what, INSTALL_OBSERVER)
+            yield Finding(THIS_MACHINE, lacking, what, INSTALL_OBSERVER)
         else:
-            yield ok(GROUP, "OpenCV is not installed, and not needed here")
+            yield ok(THIS_MACHINE, "OpenCV is not installed, and not needed here")
         return
     if not package.fits:
-        yield warning(GROUP, package.misfit, INSTALL_OBSERVER)
+        yield warning(THIS_MACHINE, package.misfit, INSTALL_OBSERVER)
     elif facts.face_cascade or not needs.cascade:
-        yield ok(GROUP, f"OpenCV {package.version}{', with a face cascade' * facts.face_cascade}")
+        yield ok(THIS_MACHINE, f"OpenCV {package.version}{', with a face cascade' * facts.face_cascade}")
     if needs.cascade and not facts.face_cascade:
         observers = ", ".join(needs.cascade)
         what = f"OpenCV {package.version} has no face cascade; camshift of {observers} learns skin colour with it"
         to_do = "pip install 'opencv-python-headless>=4.11,<5', or name a saved histogram (skin) in the scene file"
-        yield Finding(GROUP, lacking, what, to_do)
+        yield Finding(THIS_MACHINE, lacking, what, to_do)
 
 
 def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
@@ -263,26 +263,26 @@ def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator
         return
     if not package.version:
         what = f"mediapipe is not installed; needed by {', '.join(needs.mediapipe)}"
-        yield Finding(GROUP, lacking, what, INSTALL_MEDIAPIPE)
+        yield Finding(THIS_MACHINE, lacking, what, INSTALL_MEDIAPIPE)
     elif not package.fits:
-        yield warning(GROUP, package.misfit, INSTALL_MEDIAPIPE)
+        yield warning(THIS_MACHINE, package.misfit, INSTALL_MEDIAPIPE)
     else:
-        yield ok(GROUP, f"mediapipe {package.version}")
+        yield ok(THIS_MACHINE, f"mediapipe {package.version}")
     if package.version and needs.carried_model and not package.version.startswith("0.10.21"):
         what = f"mediapipe {package.version} brings no pose model; needed by {', '.join(needs.carried_model)}"
-        yield Finding(GROUP, lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
+        yield Finding(THIS_MACHINE, lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
 
 
 def _clock(clock: ClockState, other_clocks: bool) -> Finding:
     if clock == "synchronised":
-        return ok(GROUP, "the clock is synchronised")
+        return ok(THIS_MACHINE, "the clock is synchronised")
     if not other_clocks:
-        return ok(GROUP, "the clock may be wrong: in this scene all processes share it")
+        return ok(THIS_MACHINE, "the clock may be wrong: in this scene all processes share it")
     if clock == "unknown":
         what = "cannot tell whether the clock is synchronised"
-        return warning(GROUP, what, "check that NTP runs (chronyc tracking, timedatectl)")
+        return warning(THIS_MACHINE, what, "check that NTP runs (chronyc tracking, timedatectl)")
     what = "the clock is not synchronised: on several machines posteriors would seem younger or older than they are"
-    return warning(GROUP, what, "timedatectl set-ntp true, or install chrony")
+    return warning(THIS_MACHINE, what, "timedatectl set-ntp true, or install chrony")
 
 
 def _free_space(facts: MachineFacts) -> Iterator[Finding]:
@@ -292,7 +292,7 @@ def _free_space(facts: MachineFacts) -> Iterator[Finding]:
     ):
         if free is not None:
             what = f"{_size(free)} free {place}"
-            yield ok(GROUP, what) if free >= little else warning(GROUP, what, way_out)
+            yield ok(THIS_MACHINE, what) if free >= little else warning(THIS_MACHINE, what, way_out)
 
 
 def _size(size: int) -> str:

@@ -14,7 +14,7 @@ from common.zenoh_settings import MeshRole
 from deploy.doctor.findings import Finding, error, from_fault, ok, warning
 from deploy.doctor.network import SECURE, EndpointParts, NetworkFacts
 
-GROUP: Final = "security"
+SECURITY: Final = "security"
 PROBE_S = 1.0
 SOON_DAYS = 30
 SECURITY_WAY_OUT = "docs/guide/security.md has the steps; labanmesh secure list shows all certificates"
@@ -78,11 +78,11 @@ def check_security(facts: SecurityFacts, now: datetime) -> list[Finding]:
     """The findings on credentials at `now` (with its time zone)."""
     findings = list(_expiry(facts.certificate, now)) if facts.certificate else []
     if facts.fault:
-        return [*findings, from_fault(GROUP, "error", facts.fault, SECURITY_WAY_OUT)]
+        return [*findings, from_fault(SECURITY, "error", facts.fault, SECURITY_WAY_OUT)]
     if not facts.mesh.credentials:
-        return [ok(GROUP, "no credentials (mesh.credentials), so no encryption and no access rules")]
+        return [ok(SECURITY, "no credentials (mesh.credentials), so no encryption and no access rules")]
     if facts.certificate is None:
-        return [error(GROUP, f"{facts.mesh.credentials}: no certificate could be read", SECURITY_WAY_OUT)]
+        return [error(SECURITY, f"{facts.mesh.credentials}: no certificate could be read", SECURITY_WAY_OUT)]
     return findings
 
 
@@ -93,7 +93,7 @@ def _expiry(certificate: Certificate, now: datetime) -> Iterator[Finding]:
     roles = f" for {', '.join(certificate.roles)}" if certificate.roles else ""
     what = f"certificate {name}{roles}: valid for {days:.0f} more days, until {certificate.expires:%Y-%m-%d}"
     if days > SOON_DAYS:
-        yield ok(GROUP, what)
+        yield ok(SECURITY, what)
     else:
         machine = name.rpartition(".")[0] or name
-        yield warning(GROUP, what, f"labanmesh secure renew SCENE {machine}, and copy the new folder here")
+        yield warning(SECURITY, what, f"labanmesh secure renew SCENE {machine}, and copy the new folder here")

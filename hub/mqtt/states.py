@@ -18,7 +18,7 @@ from hub.scene_state import ObserverState, SceneState, is_waiting
 from hub.wording import facing, leanings, moment, rounded
 
 REST_STATE: Final = "rest"
-UNDECIDED: Final = "undecided"
+UNDECIDED_STATE: Final = "undecided"
 ONLINE: Final = "online"
 OFFLINE: Final = "offline"
 FAST_S = 0.25
@@ -128,7 +128,7 @@ def _now(judgement: JudgementMessage) -> dict[str, Any]:
     # A verdict that is revised to an abstention names no movement.
     label = None if movement is None or movement.label == ABSTAIN else movement.label
     return {
-        "movement": REST_STATE if movement is None else label or UNDECIDED,
+        "movement": REST_STATE if movement is None else label or UNDECIDED_STATE,
         "label": judgement.label,
         "confidence": confidence(judgement),
         "entropy": rounded(judgement.certainty_bits, 2),

@@ -24,7 +24,7 @@ from hub.notify.notification_queue import NotificationQueue, Waiting
 log = logging.getLogger("labanmesh.hub")
 HOUR_NS = 3600 * SECOND_NS
 IDLE_S = 1.0
-REASON_LIMIT = 120
+ANSWER_CHARACTERS = 120
 """Bytes of an error's answer that are shown."""
 LATER = frozenset({401, 403, 404, 405, 408, 425, 429})
 """Refusals that somebody or time may mend: the request waits. After any other of 400 to 499 it is never accepted."""
@@ -78,9 +78,9 @@ def _result(response: http.client.HTTPResponse) -> WebhookResult:
     if 200 <= status < 300:
         return WebhookResult()
     if 300 <= status < 400:
-        where = printable(response.getheader("Location") or "elsewhere")[:REASON_LIMIT]
+        where = printable(response.getheader("Location") or "elsewhere")[:ANSWER_CHARACTERS]
         return WebhookResult(f"redirects to {where}; write that address, if it is the right one")
-    text = " ".join(response.read(REASON_LIMIT).decode("utf-8", "replace").split())
+    text = " ".join(response.read(ANSWER_CHARACTERS).decode("utf-8", "replace").split())
     words = printable(f"answers {status} {response.reason}" + (f": {text}" if text else ""))
     return WebhookResult(words, is_final=400 <= status < 500 and status not in LATER)
 
@@ -89,7 +89,7 @@ def _reason(error: Exception) -> str:
     if isinstance(error, ssl.SSLCertVerificationError):
         return f"its certificate is not accepted: {error.verify_message}"
     text = getattr(error, "strerror", None) or str(error) or type(error).__name__
-    return printable(text.lower())[:REASON_LIMIT]
+    return printable(text.lower())[:ANSWER_CHARACTERS]
 
 
 @dataclass(frozen=True, slots=True)

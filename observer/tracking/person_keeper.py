@@ -25,7 +25,7 @@ JUMP = 0.1
 """Half of the parts of one who goes on are nearer to where they are expected: plus SPEED / 2 each second."""
 ALIKE = 0.05
 """Two people could be exchanged if their bodies then fit this nearly as well."""
-COMMON = 3
+COMMON_PARTS = 3
 """Parts seen in both pictures from which two bodies are compared by their parts."""
 SMOOTH_S = 0.15
 """The velocity of a body is the mean over so long."""
@@ -145,7 +145,7 @@ def _pose_distance(track: _Followed, body: Detection, at_ns: int) -> float:
     apart = body.centres - track.body.centres - np.array(track.moved(at_ns))
     distances = np.hypot(apart[:, 0], apart[:, 1])
     common = distances[np.isfinite(distances)]
-    if len(common) < COMMON:
+    if len(common) < COMMON_PARTS:
         return track.distance(body, at_ns)
     return float(np.median(common)) / track.body.height
 

@@ -223,6 +223,17 @@ def test_loggers_are_named_after_their_packages():
             )
 
 
+def test_a_constant_has_one_value():
+    values = {}
+    for name, tree in trees().items():
+        for node in (n for n in tree.body if isinstance(n, ast.Assign | ast.AnnAssign) and n.value):
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            if isinstance(target, ast.Name) and target.id.isupper() and "TypeVar" not in ast.unparse(node.value):
+                values.setdefault(target.id.strip("_"), {}).setdefault(ast.unparse(node.value), []).append(name)
+    faults = [f"{name}: {places}" for name, places in values.items() if len(places) > 1]
+    assert not faults, f"import the one, or give the other its own name: {listed(faults)}"
+
+
 def test_no_module_is_longer_than_300_lines():
     lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in FILES.items()}
     faults = [f"{name} has {lines} lines: split it; 300 is the limit" for name, lines in lengths.items() if lines > 300]
