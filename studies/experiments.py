@@ -28,10 +28,7 @@ class PaperTable:
 
     title: str
     counts: tuple[tuple[int, ...], ...]
-    printed_row_errors: tuple[int, ...]
-    printed_errors: int
     printed_rate: float
-    printed_trials: int = 95
 
     @property
     def confusion(self) -> NDArray[np.int64]:
@@ -51,8 +48,6 @@ TABLE_I = PaperTable(
         (0, 0, 0, 4, 0, 0, 9, 0),
         (0, 0, 0, 4, 0, 0, 1, 0),
     ),
-    (6, 8, 1, 6, 2, 0, 4, 5),
-    32,
     0.66,
 )
 TABLE_II = PaperTable(
@@ -67,8 +62,6 @@ TABLE_II = PaperTable(
         (0, 0, 0, 3, 2, 2, 6, 0),
         (0, 0, 0, 0, 0, 0, 5, 0),
     ),
-    (3, 12, 6, 12, 2, 0, 7, 5),
-    47,
     0.51,
 )
 TABLE_III = PaperTable(
@@ -83,8 +76,6 @@ TABLE_III = PaperTable(
         (0, 0, 0, 3, 1, 1, 8, 0),
         (0, 0, 0, 0, 0, 0, 0, 5),
     ),
-    (2, 2, 1, 6, 2, 0, 5, 0),
-    18,
     0.81,
 )
 

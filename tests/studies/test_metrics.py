@@ -62,11 +62,18 @@ def names(size):
     return [f"movement_{i}" for i in range(size)]
 
 
-@pytest.mark.parametrize("table", [TABLE_I, TABLE_II, TABLE_III])
-def test_the_papers_counts_give_its_printed_errors_and_rates(table):
+@pytest.mark.parametrize(
+    ("table", "printed"),
+    [
+        (TABLE_I, [6, 8, 1, 6, 2, 0, 4, 5]),
+        (TABLE_II, [3, 12, 6, 12, 2, 0, 7, 5]),
+        (TABLE_III, [2, 2, 1, 6, 2, 0, 5, 0]),
+    ],
+)
+def test_the_papers_counts_give_its_printed_errors_and_rates(table, printed):
     errors = table.confusion.sum(axis=1) - table.confusion.diagonal()
-    assert tuple(errors) == table.printed_row_errors and errors.sum() == table.printed_errors
-    assert round(1 - errors.sum() / table.printed_trials, 2) == table.printed_rate
+    assert errors.tolist() == printed
+    assert round(1 - errors.sum() / 95, 2) == table.printed_rate
 
 
 def test_the_papers_misprint_stays_as_printed():
