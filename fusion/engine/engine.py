@@ -197,6 +197,8 @@ class FusionEngine:
         # A number near the end of its range would leave none for the next judgements.
         self._seq = judgement.seq if judgement.seq < LAST_INTEGER // 2 else 0
         self._segmenter.wait(0)
+        # What this engine decided while it waited for observers, the other service has decided.
+        self._withheld.clear()
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return
         if not isinstance(judgement, VerdictMessage):

@@ -144,3 +144,17 @@ def test_an_outage_is_known_to_a_service_that_is_given_the_scene_just_after_it()
     started.step(all_views(sure("lunge", 0.96)), MOVING, 5)
     assert [(v.label, v.stage) for v in started.verdicts] == [("bow", "ended"), ("lunge", "decided")]
     assert started.verdicts[0].ended_ns == seen_ns
+
+
+def test_a_decision_from_the_wait_for_observers_is_not_published_beside_the_followed_one():
+    """Another one of the roster is awaited; the answer of the service that judges the movement comes after that."""
+    owner, late = EngineDriver(["cam"], quorum=1, hold_s=0.1), EngineDriver(["cam", "other"], quorum=1, hold_s=0.1)
+    late.engine.wait_for_roster(60.0)
+    for p, rest in STORY[:12]:
+        last = owner.step({"cam": p}, rest)
+        late.step({"cam": p}, rest)
+    assert words(owner.verdicts) == [("decided", "bow", None)] and late.verdicts == []
+    for message in (*owner.verdicts, last):
+        late.engine.continue_from(message)
+    late.step({"cam": BOW}, 0.95, 12)
+    assert [(v.stage, v.id) for v in late.verdicts] == [("ended", owner.verdicts[0].id)]
