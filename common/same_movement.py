@@ -1,17 +1,6 @@
-"""One id for each movement at a listener (docs/reference/wire.md, "One movement, one name"). Pure.
+"""One id for each movement at a listener, by the rules 1 to 3 of wire.md, "One movement, one name". Pure.
 
-Where a network is split, or two fusion services take over from each other, both may judge one movement, each under an
-id of its own.
-
-1. Two verdicts of different services, or of two runs of one, that have the same label and person, and overlap by half
-   of the shorter time or more, are about one movement. Its time is from its begin to its end, or, while it goes on, to
-   the newest message that shows it.
-2. A listener keeps the id that it knew first. Under that it takes the end, whichever service says it first, and
-   ignores everything else about the other id.
-3. The service that stands down ends its movement with `same_as`, the other's id. A listener that knew the movement
-   takes that message for its end, and ignores later ones about the other id. One that did not, or knows the end
-   already, ignores it.
-4. Of two equal messages the second is ignored, and so is what follows an end: what may have been lost is sent again.
+Of two equal messages the second is ignored, and so is what follows an end: what may have been lost is sent again.
 """
 
 from collections import OrderedDict

@@ -10,7 +10,7 @@ parts that have changed. A last line that was cut off, as by a kill, is left out
 import json
 import logging
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from pathlib import Path
@@ -55,6 +55,12 @@ class Checkpoint(BaseModel):
     def unfinished(self) -> VerdictMessage | None:
         """The verdict on the movement in progress, if it was decided."""
         return unfinished(self.judgement, self.verdict)
+
+    @classmethod
+    def of_people(cls, each: "Iterable[Checkpoint | None]") -> "Checkpoint | None":
+        """One for all people of a scene, from that of each one; None if there is none."""
+        known = [checkpoint for checkpoint in each if checkpoint is not None]
+        return known[0].model_copy(update={"people": tuple(known[1:])}) if known else None
 
     def to_json(self) -> str:
         """The text that `model_validate_json` reads."""
@@ -196,27 +202,12 @@ class CheckpointFile:
         self._temporary.replace(self._path)
 
 
-class CheckpointFiles:
-    """The files of a scene by person, "" for the only one; each person's worker writes its own."""
-
-    def __init__(self, files: Mapping[str, CheckpointFile]) -> None:
-        self.files = files
-
-    def beside(self, suffix: str) -> Path | None:
-        """The path of another file of the same service, in the same place; None without files."""
-        return next((file.beside(suffix) for file in self.files.values()), None)
-
-    def read(self, scene: str) -> Checkpoint | None:
-        """The newest checkpoint of each person; None if there is none."""
-        known = [each for file in self.files.values() if (each := file.read(scene)) is not None]
-        return known[0].model_copy(update={"people": tuple(known[1:])}) if known else None
-
-
-def checkpoint_files(scene: Scene, own: str) -> CheckpointFiles:
-    """The files of the service `own`; none if the scene file wants none, or the scene comes from no file."""
+def checkpoint_files(scene: Scene, own: str) -> dict[str, CheckpointFile]:
+    """The files of the service `own` by person, "" for the only one; none if the scene file wants none, or the scene
+    comes from no file."""
     people = scene.people.ids if scene.people.most > 1 else ("",)
     files = {person: CheckpointFile.of(scene, own, person) for person in people}
-    return CheckpointFiles({person: file for person, file in files.items() if file is not None})
+    return {person: file for person, file in files.items() if file is not None}
 
 
 class _FileStamp(NamedTuple):

@@ -6,9 +6,7 @@
    only keeps the last messages of the owner.
 3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
    scene. A query of a listener changes nothing.
-4. A scene that names no vocabulary asks its observers for theirs until one answers. Later the owner changes to the one
-   in which most observers publish (roster.py), and the other services follow it. In every scene the durations of
-   movements are those that the observers agree on.
+4. What the scene file does not say of the vocabulary is the observers' (fusion.md, "A new vocabulary").
 """
 
 import logging
@@ -73,7 +71,8 @@ class SceneMember:
         self._handover_checkpoint: Checkpoint | None = None
         self._lookup: VocabularyLookup | None = None
         self._reason: str | None = None
-        fallen, memory = scene.watch.fallen, self._files.beside("fall")
+        fallen = scene.watch.fallen
+        memory = next((file.beside("fall") for file in self._files.values()), None)
         self._falls = FallWatch(scene, service, fallen.after_s, memory, lambda: self.worker) if fallen else None
 
     @property
@@ -249,22 +248,21 @@ class SceneMember:
         self.worker = SceneWorker(
             self.scene, self._service, self._new_engine, self.vocabulary, self.status, self._files, self._hand_over
         )
-        if self._is_warm and (checkpoint := self._files.read(self.scene.scene)) is not None:
+        if self._is_warm and (checkpoint := self._read_files()) is not None:
             # Before the first posterior; after it the engine has a movement of its own.
             self.worker.restore(checkpoint)
 
     def _restore(self, worker: SceneWorker) -> None:
         """Continue from the newest checkpoint: an answer, the owner's last messages, the last handover, or the file."""
-        checkpoints = [
-            self._request.checkpoint() if self._request is not None else None,
-            self._listener.checkpoint() if self._listener is not None else None,
-            self._handover_checkpoint,
-            self._files.read(self.scene.scene),
-        ]
+        asked = [part.checkpoint() for part in (self._request, self._listener) if part is not None]
+        checkpoints = [*asked, self._handover_checkpoint, self._read_files()]
         worker.duty.restored = True
         if available := [checkpoint for checkpoint in checkpoints if checkpoint is not None]:
             # Of equally new ones the first: a handover has more than a judgement.
             worker.restore(max(available, key=lambda checkpoint: checkpoint.judgement.at_ns))
+
+    def _read_files(self) -> Checkpoint | None:
+        return Checkpoint.of_people(file.read(self.scene.scene) for file in self._files.values())
 
     def _hand_over(self, requester: str) -> bytes | None:
         if self.worker is None or not self.ownership.hand_over_to(requester, self._service.ticks()):

@@ -1,12 +1,12 @@
 """Metrics of a fusion service for Prometheus: steps, votes, weights, verdicts, rejections, ownership."""
 
 from collections import Counter as Tally
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from time import time_ns
 from typing import TYPE_CHECKING, get_args
 
 from common import SECOND_NS
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VoteState
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote, VoteState
 from common.metrics import AGE_BUCKETS, OTHERS, STEP_BUCKETS, Metrics
 from common.vocabulary import ABSTAIN
 from fusion.engine.roster import POOLED_STATES
@@ -16,6 +16,24 @@ if TYPE_CHECKING:
 
     from fusion.instrumentation import ServerStep
     from fusion.membership import SceneMember
+
+
+OF_VOTES: Sequence[tuple[str, str, Callable[[Vote], float | None]]] = (
+    ("heard", "1 while the observer's posterior counts, even if stale.", lambda v: float(v.state in POOLED_STATES)),
+    ("entropy_bits", "Of the observer's posterior as pooled.", lambda v: v.entropy),
+    ("weight_ratio", "Its share in the pooled posterior.", lambda v: v.weight),
+    ("age_seconds", "Since its newest frame was captured.", lambda v: v.age_s),
+    ("reliability_ratio", "How far its labels were trusted lately.", lambda v: _trust(v.label_reliability)),
+    ("rest_reliability_ratio", "How far its probability of rest was trusted lately.",
+     lambda v: _trust(v.rest_reliability)),
+    ("clock_skew_seconds", "How far its clock is ahead of ours.", lambda v: v.skew_s),
+)  # fmt: skip
+"""A gauge of each observer: its name, its meaning, and its value in a vote."""
+
+
+def _trust(published: float | None) -> float:
+    """Where none is published the trust is whole."""
+    return 1.0 if published is None else published
 
 
 class FusionMetrics(Metrics):
@@ -108,28 +126,9 @@ class FusionMetrics(Metrics):
         states = Tally(vote.state for vote in judgement.votes.values())
         rows = [((state,), float(states[state])) for state in get_args(VoteState)]
         yield self.gauge("votes", "Observers in each state.", rows, "state")
-        votes = judgement.votes.items()
-        counted = [((name,), float(vote.state in POOLED_STATES)) for name, vote in votes]
-        yield self.gauge(
-            "observer_heard", "1 while the observer's posterior counts, even if stale.", counted, "observer"
-        )
-        entropies = [((name,), vote.entropy) for name, vote in votes]
-        yield self.gauge("observer_entropy_bits", "Of the observer's posterior as pooled.", entropies, "observer")
-        weights = [((name,), vote.weight) for name, vote in votes]
-        yield self.gauge("observer_weight_ratio", "Its share in the pooled posterior.", weights, "observer")
-        ages = [((name,), vote.age_s) for name, vote in votes]
-        yield self.gauge("observer_age_seconds", "Since its newest frame was captured.", ages, "observer")
-        trusts = [((name,), 1.0 if v.label_reliability is None else v.label_reliability) for name, v in votes]
-        yield self.gauge("observer_reliability_ratio", "How far its labels were trusted lately.", trusts, "observer")
-        resting = [((name,), 1.0 if v.rest_reliability is None else v.rest_reliability) for name, v in votes]
-        yield self.gauge(
-            "observer_rest_reliability_ratio",
-            "How far its probability of rest was trusted lately.",
-            resting,
-            "observer",
-        )
-        skews = [((name,), vote.skew_s) for name, vote in votes]
-        yield self.gauge("observer_clock_skew_seconds", "How far its clock is ahead of ours.", skews, "observer")
+        for name, meaning, value in OF_VOTES:
+            values = [((observer,), value(vote)) for observer, vote in judgement.votes.items()]
+            yield self.gauge(f"observer_{name}", meaning, values, "observer")
 
     def _rejected(self, status: StatusMessage, judgement: JudgementMessage) -> "Iterable[Metric]":
         """Senders that are not observers of the scene are counted together, because any process may invent names."""

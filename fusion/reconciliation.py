@@ -1,17 +1,8 @@
 """After a network partition: the movement of the service that stands down for the owner. Pure: time is passed in.
 
-The design: fusion.md, "Several services". During a partition two services publish, each to its own listeners. When they
-receive each other again:
-
-1. The service that stands down sends its last judgement again, every ADOPTION_REPEAT_S, because the owner may not have
-   received it yet. The owner continues its decided movement, under its id, if it has decided none itself
-   (FusionEngine.adopt).
-2. If the owner's judgements show another decided movement, or have not shown this one for ADOPTION_TIMEOUT_S, the
-   service that stood down publishes the end of its movement with `same_as`. So each id has an end, and a listener knows
-   which two ids are one movement.
-3. Movements may be over when the services meet, judged by both. What the other one published meanwhile arrives late: it
-   sends again what may be lost (publisher.py). The owner then says once, for each such movement, that its id and the
-   owner's are one (SharedMovements), by the rule of common/same_movement.py.
+The design: fusion.md, "Several services". The service that stands down sends its last judgement again, for the owner to
+go on with its movement (FusionEngine.adopt), or ends it with `same_as`, so that each id has an end. Of movements that
+both have judged to their end the owner says once which two ids are one (SharedMovements).
 """
 
 from collections import deque

@@ -20,7 +20,7 @@ from common.messages import JudgementMessage, ObserverPosterior, VerdictMessage
 from common.status import ProcessStatus
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode_vocabulary
-from fusion.checkpoint import Checkpoint, CheckpointFiles
+from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.ingest import NEWEST, PosteriorIngest, newest
@@ -77,7 +77,7 @@ class SceneWorker:
         new_engine: Callable[[Vocabulary, str | None], FusionEngine],
         vocabulary: Vocabulary,
         status: ProcessStatus,
-        files: CheckpointFiles,
+        files: Mapping[str, CheckpointFile],
         hand_over: Callable[[str], bytes | None],
     ) -> None:
         """new_engine: makes the engine of a person; None: of the only one. hand_over: called between two steps with the
@@ -100,7 +100,7 @@ class SceneWorker:
         self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
         self._workers = {
             person: PersonWorker(
-                scene, service, new_engine(vocabulary, person or None), status, files.files.get(person), self._session,
+                scene, service, new_engine(vocabulary, person or None), status, files.get(person), self._session,
                 self.duty, self._is_reachable,
             )
             for person in ((ALONE,) if is_one else scene.people.ids)
@@ -226,9 +226,7 @@ class SceneWorker:
 
     def checkpoint(self) -> Checkpoint | None:
         """What another service needs to continue: the checkpoints of all people."""
-        checkpoints = [worker.publisher.checkpoint() for worker in self._workers.values()]
-        known = [each for each in checkpoints if each is not None]
-        return known[0].model_copy(update={"people": tuple(known[1:])}) if known else None
+        return Checkpoint.of_people(worker.publisher.checkpoint() for worker in self._workers.values())
 
     def restore(self, checkpoint: Checkpoint) -> None:
         """Continue from `checkpoint`."""

@@ -101,12 +101,10 @@ class StandbyListener:
     def checkpoint(self) -> Checkpoint | None:
         """The last published messages; None before the first one, or if they cannot be decoded."""
         try:
-            people = dict.fromkeys((*self._judgements, *self._verdicts))
-            first, *others = [self._checkpoint(person) for person in people] or [None]
+            return Checkpoint.of_people(map(self._checkpoint, dict.fromkeys((*self._judgements, *self._verdicts))))
         except BadMessage as error:
             log.warning("%s: the last messages of the owner cannot be used: %s", self._scene.scene, error)
             return None
-        return first and first.model_copy(update={"people": tuple(filter(None, others))})
 
     def _checkpoint(self, person: str) -> Checkpoint | None:
         """Of one person, or of the only one; raises BadMessage."""
