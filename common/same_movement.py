@@ -60,7 +60,10 @@ class SameMovement:
     def first_id(self, verdict: VerdictMessage) -> str | None:
         """The id by which the movement of a verdict is known, if it is another one (rule 1)."""
         if verdict.id not in self._known and verdict.id not in self._first_ids:
-            self._compare(verdict)
+            known_id = self.known_as(verdict, verdict.label, span_of(verdict))
+            if known_id is not None:
+                self._first_ids[verdict.id] = known_id
+                _forget(self._first_ids)
         return self._first_ids.get(verdict.id)
 
     def judged(self, judgement: JudgementMessage) -> JudgementMessage:
@@ -76,16 +79,15 @@ class SameMovement:
             return judgement
         return judgement.model_copy(update={"movement": movement.model_copy(update={"id": first_id})})
 
-    def _compare(self, verdict: VerdictMessage) -> None:
-        """Note under which id the movement of a new one is known, if it is (rule 1)."""
+    def known_as(self, message: JudgementMessage, label: str, span: tuple[int, int]) -> str | None:
+        """The id of the movement of another service than the message's that has this label and span (rule 1)."""
         for first_id, known in reversed(self._known.items()):
             own = known.verdict
-            if own.person != verdict.person or (own.fusion, own.session) == (verdict.fusion, verdict.session):
+            if own.person != message.person or (own.fusion, own.session) == (message.fusion, message.session):
                 continue
-            if is_same_movement(own.label, (own.began_ns, known.until_ns), verdict.label, span_of(verdict)):
-                self._first_ids[verdict.id] = first_id
-                _forget(self._first_ids)
-                return
+            if is_same_movement(own.label, (own.began_ns, known.until_ns), label, span):
+                return first_id
+        return None
 
     def _ended_by_other(self, verdict: VerdictMessage, known: _Known | None) -> VerdictMessage | None:
         """The end of a movement that is known by another id (rule 2)."""

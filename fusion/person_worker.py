@@ -58,6 +58,8 @@ class PersonWorker:
         self.publisher = VerdictPublisher(session, scene.keys, engine, file, is_full, service.put)
         self._alive: frozenset[str] | None = None
         self._withheld: list[VerdictMessage] = []
+        self._own_ids: dict[str, str | None] = {}
+        """Of the movements of other services that go on here, the ids under which this one had ended them, if any."""
         self._unreconciled: UnreconciledMovement | None = None
         self._waiting: bool | None = None
 
@@ -93,7 +95,7 @@ class PersonWorker:
         output = self.engine.output_for(case.posteriors, now_ns, pooled)
         if self._unreconciled is not None and owns:
             self._unreconciled.record_message(output.judgement)
-        self._withheld += output.verdicts
+        self._withheld += map(self._named, output.verdicts)
         # While the router is away, verdicts wait, and judgements with them.
         if not owns or (not self._is_reachable() and self._withheld):
             return output, ()
@@ -135,6 +137,13 @@ class PersonWorker:
         movement = message.movement
         if movement is not None and not self.publisher.knows(movement.id) and self.engine.adopt(message):
             log.info("%s: goes on with %s of %s", self._scene, movement.id, message.fusion)
+            self._own_ids[movement.id] = self.publisher.shared.goes_on(message)
+
+    def _named(self, verdict: VerdictMessage) -> VerdictMessage:
+        """The verdict. The end of another service's movement, which this one had ended under an id of its own, names
+        that id: for who knows it the movement is over."""
+        own_id = None if verdict.ended_ns is None else self._own_ids.pop(verdict.id, None)
+        return verdict if own_id is None else verdict.model_copy(update={"same_as": own_id})
 
     def change_vocabulary(self, vocabulary: Vocabulary, payload: bytes) -> None:
         """Fuse posteriors in `vocabulary` from now on; the owner ends a decided movement first, and publishes the new

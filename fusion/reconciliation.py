@@ -71,6 +71,13 @@ class SharedMovements:
         else:
             self._same.judged(message)
 
+    def goes_on(self, judgement: JudgementMessage) -> str | None:
+        """The owner's id of the movement that goes on in a judgement of another service; None: it has none."""
+        movement = judgement.movement
+        if movement is None or movement.label is None:
+            return None
+        return self._same.known_as(judgement, movement.label, (movement.began_ns, judgement.at_ns))
+
     def same_as(self, verdict: VerdictMessage) -> str | None:
         """The owner's id of a movement whose end another service has published; None: it has none, or it was said."""
         if verdict.ended_ns is None or verdict.same_as is not None or verdict.id in self._named:

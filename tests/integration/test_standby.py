@@ -10,7 +10,7 @@ from processes import SOON_S, until
 
 from common import SECOND_NS
 from common.config import read_scene
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyReference
+from common.messages import JudgementMessage, OngoingMovement, StatusMessage, VerdictMessage, VocabularyReference
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
@@ -417,6 +417,20 @@ def test_after_a_split_the_owner_goes_on_with_the_movement_of_the_service_that_s
     rival(judgement, 0, judgement.movement.model_copy(update=fields))
     last = stage.judgement(lambda j: j.fusion == "a" and j.movement is None)
     assert all(j.movement is None for j in stage.judgements(lambda j: j.seq > last.seq + 20) if j.fusion == "a")
+
+
+def test_after_a_split_the_owner_names_its_own_id_at_the_end_of_a_movement_that_was_over_for_it(stage, rival):
+    """The other half saw it for longer. Who knows the owner's id knows its end; the other id is no movement."""
+    stage.play("a")
+    stage.decide()
+    stage.state = REST
+    ended = stage.verdicts(lambda v: v.ended_ns is not None)[-1]
+    judgement = stage.judgement(lambda j: j.movement is None and j.at_ns > ended.at_ns)
+    began_ns = ended.began_ns + 5_000_000
+    fields = {"id": f"dojo-{began_ns // 1_000_000}", "label": "bowing", "began_ns": began_ns}
+    rival(judgement, 0, OngoingMovement(decided_ns=ended.decided_ns, **fields))
+    (other,) = stage.verdicts(lambda v: v.id == fields["id"])
+    assert (other.stage, other.fusion, other.same_as) == ("ended", "a", ended.id)
 
 
 def test_after_a_split_the_owner_says_once_which_ids_were_one_movement_that_has_ended(stage, rival):
