@@ -293,7 +293,7 @@ class Event(Enum):
     OUTAGE = "an outage is over", lambda _, step: step.is_out
     OUTAGE_IN_MOTION = "an outage is over, and the person moves", lambda _, step: step.is_out and not step.state.idle
     OUTAGE_AT_REST = "an outage is over, and the person does not move", lambda _, step: step.is_out and step.state.idle
-    LONG_OUTAGE_AT_REST = "the same, and it may hide a movement", lambda _, at: at.gap_ns > HIDING_NS and at.state.idle
+    LONG_OUTAGE_AT_REST = "the outage may hide a movement", lambda _, at: at.gap_ns > HIDING_NS and at.state.idle
     LONG_OUTAGE = "it was so long that the same label would be another movement", lambda _, at: at.gap_ns > ENDING_NS
 
     def __init__(self, meaning: str, shows: Callable[[Conditions, SegmentStep], bool]) -> None:
