@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from common.clock_skew import ClockReading, ClockSkew
 from common.messages import PosteriorMessage, VoteState
 from common.posterior import ObservedScore, Repeated, Unscored
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
@@ -28,15 +29,56 @@ TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
 NO_FACETS: Mapping[str, Sequence[float]] = {}
 
 
-@dataclass(frozen=True, slots=True)
-class ObserverRecord:
-    """Facts about an observer that are not in its messages; fields as in AgedPosterior. honest: P(its labels are)."""
+IGNORED_SKEW_NS = 5_000_000
+"""5 ms: a smaller skew is not corrected. It is less than a frame, and measurements over a network are no more exact."""
 
+
+@dataclass(slots=True)
+class ObserverClock:
+    """When the newest frame of a posterior was captured, by our own clock (fusion.md, "The roster", 7).
+
+    correction_ns: what is subtracted from the observer's stamps. session, seq, sent_ns: of the last message that was
+    used. doubtful: the clock stood still or was set back since it was read; messages count as sent on arrival.
+    """
+
+    skew: ClockSkew = field(default_factory=ClockSkew)
     skew_s: float | None = None
-    honest: float = HONEST
+    correction_ns: int = 0
+    session: str = ""
+    seq: int = -1
+    sent_ns: int = 0
+    doubtful: bool = False
 
+    def record_reading(self, reading: ClockReading) -> None:
+        """Take a reading, which ends a doubt. A skew no larger than the error of measurement is not corrected."""
+        self.skew.note(reading)
+        best, self.skew_s, self.doubtful = self.skew.best, self.skew.skew_s, False
+        is_certain = best is not None and abs(best.skew_ns) > max(best.doubt_ns, IGNORED_SKEW_NS)
+        self.correction_ns = best.skew_ns if best is not None and is_certain else 0
 
-NO_RECORD = ObserverRecord()
+    def captured_ns(self, message: PosteriorMessage, now_ns: int) -> int:
+        """The capture time of a message that arrived at `now_ns`, and not later.
+
+        A capture after the sending contradicts itself: it counts as captured when it was sent.
+        """
+        captured_ns, sent_ns = message.captured_ns, message.sent_ns
+        if captured_ns > sent_ns:
+            captured_ns = sent_ns
+        latest_ns = now_ns - (sent_ns - captured_ns)
+        if self.doubtful or (sent_ns <= self.sent_ns and self._precedes(message)):
+            return latest_ns
+        captured_ns -= self.correction_ns
+        return captured_ns if captured_ns < latest_ns else latest_ns
+
+    def record_message(self, message: PosteriorMessage) -> None:
+        """Remember the stamps of a message that was used, to compare the next one's with."""
+        if message.sent_ns <= self.sent_ns and self._precedes(message):
+            self.doubtful = True
+        self.session, self.seq, self.sent_ns = message.session, message.seq, message.sent_ns
+
+    def _precedes(self, message: PosteriorMessage) -> bool:
+        """Whether `message` is a later one of the same session; only those show how the clock runs."""
+        return message.session == self.session and message.seq > self.seq
 
 
 @dataclass(slots=True)
@@ -83,9 +125,9 @@ class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
     p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
-    stays: of its labels, by what it says after decisions (trust.py). session_ns: when its session began here.
-    captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that showed a body part.
-    interval_ns: the usual time between two captures, 0 while unknown; gaps_ns: the last ones.
+    honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). session_ns: when its
+    session began here. captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that
+    showed a body part. interval_ns: the usual time between two captures, 0 while unknown; gaps_ns: the last ones.
     fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
     last usable one. published: the hash of the vocabulary of its newest message, usable or not, and when that arrived;
     None without one, or if the process disappeared since. All times by our clock, Unix epoch.
@@ -111,6 +153,8 @@ class RosterEntry:
     published: tuple[str, int] | None = None
     fault: VoteState | None = None
     rejected: Counter[str] = field(default_factory=Counter)
+    honest: float = HONEST
+    clock: ObserverClock = field(default_factory=ObserverClock)
 
     def begin_session(self, message: PosteriorMessage, now_ns: int, captured_ns: int) -> None:
         """Begin the session of `message`, which is not the newest yet."""

@@ -8,16 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from common import SECOND_NS
-from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
 from common.message_types import LAST_INTEGER
-from common.messages import WHY_LIMIT, JudgementMessage, PosteriorMessage, VerdictMessage
+from common.messages import WHY_LIMIT, JudgementMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.clocks import Clocks
 from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
 from fusion.engine.rest import RestPool
-from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster import AgedPosterior, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import (
@@ -66,10 +64,9 @@ class FusionEngine:
         self.session: str | None = None
         self.place: Sequence[float] | None = None
         self._scene, self._config, self._rule = scene, config, get_rule(config.rule)
-        self._roster = Roster(observers, vocabulary, config)
-        self.reject, self.set_present = self._roster.reject, self._roster.set_present
-        self.observed_vocabulary = self._roster.majority
-        self._clocks = Clocks(observers)
+        self._roster = roster = Roster(observers, vocabulary, config)
+        self.receive, self.record_clock, self.skew_s = roster.receive, roster.record_clock, roster.skew_s
+        self.reject, self.set_present, self.observed_vocabulary = roster.reject, roster.set_present, roster.majority
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
@@ -92,30 +89,11 @@ class FusionEngine:
     @reliability.setter
     def reliability(self, reliability: Reliability) -> None:
         self._reliability = reliability
-        # Read at every step, and changed once per verdict.
-        names = self._roster.rejected
-        self._records = {each: ObserverRecord(self.skew_s(each), reliability.honest(each)) for each in names}
+        self._roster.set_reliability(reliability)
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` seconds after the first one."""
         self._segmenter.wait(grace_s)
-
-    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
-        """Take one posterior; returns why it was not used, or None."""
-        captured_ns = self._clocks.captured_ns(observer, message, now_ns)
-        if (reason := self._roster.receive(observer, message, now_ns, captured_ns)) is None:
-            self._clocks.record_message(observer, message)
-        return reason
-
-    def record_clock(self, observer: str, reading: ClockReading) -> None:
-        """Take a reading of an observer's clock."""
-        self._clocks.record_reading(observer, reading)
-        if observer in self._records:
-            self._records[observer] = replace(self._records[observer], skew_s=self.skew_s(observer))
-
-    def skew_s(self, observer: str) -> float | None:
-        """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
-        return self._clocks.skew_s(observer)
 
     def change_vocabulary(self, vocabulary: Vocabulary, now_ns: int) -> Sequence[VerdictMessage]:
         """Fuse posteriors in `vocabulary` from now on; returns the end of a decided movement, in the old one.
@@ -146,7 +124,7 @@ class FusionEngine:
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`, for many scenes that are pooled together; `output_for` takes the result."""
-        return self._case(self._roster.posteriors(now_ns, self._records, self._rest.reliability), now_ns)
+        return self._case(self._roster.posteriors(now_ns, self._rest.reliability), now_ns)
 
     def output_for(
         self, posteriors: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None

@@ -13,18 +13,19 @@ from dataclasses import replace
 import numpy as np
 
 from common import SECOND_NS
+from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
 from common.messages import OngoingMovement, PosteriorMessage, VoteState
 from common.probability import Floats, array_of, entropy_bits, normalise, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.aged_posterior import NO_FACETS, NO_RECORD, RosterEntry, answers_of, faded, freshness_after
+from fusion.engine.aged_posterior import NO_FACETS, RosterEntry, answers_of, faded, freshness_after
 from fusion.engine.aged_posterior import POOLED_STATES as POOLED_STATES
 from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
-from fusion.engine.aged_posterior import ObserverRecord as ObserverRecord
 from fusion.engine.trust import (
     HONEST,
     LEAST_TRUST,
     LEAST_VOTES,
+    Reliability,
     after_decision,
     after_message,
     among_contradicted,
@@ -60,23 +61,40 @@ class Roster:
         """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
         self._set_vocabulary(vocabulary)
         for observer, state in self._states.items():
-            self._states[observer] = RosterEntry(gone=state.gone, published=state.published, rejected=state.rejected)
+            self._states[observer] = RosterEntry(
+                gone=state.gone, published=state.published, rejected=state.rejected, clock=state.clock
+            )
 
     def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
         self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
         self._digest, self._size = vocabulary.digest, vocabulary.size
         self._neutral = answers_of(self.prior, None)
 
-    def receive(self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int) -> str | None:
-        """Take one posterior, captured at `captured_ns` by our clock; returns why it was not used, or None."""
+    def record_clock(self, observer: str, reading: ClockReading) -> None:
+        """Take a reading of an observer's clock."""
+        if observer in self._states:
+            self._states[observer].clock.record_reading(reading)
+
+    def skew_s(self, observer: str) -> float | None:
+        """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
+        return self._states[observer].clock.skew_s if observer in self._states else None
+
+    def set_reliability(self, reliability: Reliability) -> None:
+        """Take what verdicts have taught."""
+        for observer, state in self._states.items():
+            state.honest = reliability.honest(observer)
+
+    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
+        """Take one posterior that arrived at `now_ns`; returns why it was not used, or None."""
         state = self._states.get(observer)
         if state is None:
             return "unknown_observer"
-        state.published = message.vocabulary.hash, now_ns
+        state.published, captured_ns = (message.vocabulary.hash, now_ns), state.clock.captured_ns(message, now_ns)
         reason = self._rejection(state, message, captured_ns, now_ns)
         if reason is not None:
             state.count_rejected(reason)
             return reason
+        state.clock.record_message(message)
         last, p = state.message, self._over_our_prior(message)
         answers = answers_of(p, message.unlearned)
         if last is None or message.session != last.session:
@@ -136,18 +154,13 @@ class Roster:
         digest, votes = counts.most_common(1)[0]
         return digest if 2 * votes > counts.total() else None
 
-    def posteriors(
-        self,
-        now_ns: int,
-        records: Mapping[str, ObserverRecord] | None = None,
-        resting: Mapping[str, float] = NO_TRUST_LOST,
-    ) -> list[AgedPosterior]:
+    def posteriors(self, now_ns: int, resting: Mapping[str, float] = NO_TRUST_LOST) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`.
 
         resting: trust in what some say about rest.
         """
-        records, usual, aged = records or {}, self._usual(now_ns), self._aged
-        result = [aged(each, own, now_ns, records.get(each, NO_RECORD), usual) for each, own in self._states.items()]
+        usual = self._usual(now_ns)
+        result = [self._aged(observer, state, now_ns, usual) for observer, state in self._states.items()]
         for n, posterior in enumerate(result) if resting else ():
             share = among_contradicted(resting.get(posterior.observer, 1.0))
             if share < 1.0:
@@ -170,8 +183,6 @@ class Roster:
             return "foreign_vocabulary"
         if len(message.p) != self._size:
             return "wrong_length"
-        if captured_ns > now_ns + self._drop_ns:
-            return "from_the_future"
         last = state.message
         is_next = last is not None and message.session == last.session and message.seq > last.seq
         if is_next and state.captured_ns < captured_ns and now_ns - captured_ns <= self._drop_ns:
@@ -193,11 +204,9 @@ class Roster:
                 return "out_of_order"
         return None
 
-    def _aged(
-        self, observer: str, state: RosterEntry, now_ns: int, record: ObserverRecord, usual: float
-    ) -> AgedPosterior:
+    def _aged(self, observer: str, state: RosterEntry, now_ns: int, usual: float) -> AgedPosterior:
         message, rest, fresh_s = state.message, 1.0, self._fresh_s
-        trust = published_trust(record.honest * state.stays / HONEST, state.steady, usual)
+        trust = published_trust(state.honest * state.stays / HONEST, state.steady, usual)
         age_s = None if message is None else (now_ns - state.captured_ns) / SECOND_NS
         if age_s is not None and abs(age_s) <= self._config.drop_s:
             if INTERVALS * state.interval_ns > fresh_s * SECOND_NS:
@@ -208,15 +217,15 @@ class Roster:
             if message is not None and not state.gone:
                 freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
                 fresh = AgedPosterior(
-                    observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise,
+                    observer, state.p, rest, age_s, "counted", state.clock.skew_s, message.unlearned, state.surprise,
                     state.facets, trust, freshness, message.repetitions, state.answers,
                     message.repeated, state.score,
                 )  # fmt: skip
                 return fresh if freshness == 1.0 else faded(fresh, self.prior)
         # It contributes the prior (rule 4).
         return AgedPosterior(
-            observer, self.prior, rest, age_s, self._unused_state(state, now_ns), record.skew_s, None, None, {}, trust,
-            0.0, answers=self._neutral,
+            observer, self.prior, rest, age_s, self._unused_state(state, now_ns), state.clock.skew_s,
+            reliability=trust, freshness=0.0, answers=self._neutral,
         )  # fmt: skip
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:
