@@ -52,35 +52,24 @@ LEAST_EXPONENT = LEAST_SIZE * TO_EXPONENT
 """Arrays of no dimension: beside an array NumPy takes them in two thirds of the time of a Python number."""
 
 
-@dataclass(slots=True)
-class _Weighed:
-    """w (..., H, N); x (..., H, M) = ln L_h(m); P(h) and W^(gamma-1), (..., H); shares (..., N)."""
-
-    w: Floats
-    x: Floats
-    hypotheses: Floats
-    factor: Floats
-    shares: Floats
-
-
 def guarded_product(p: Floats, prior: Floats, trust: Trust) -> RuleResult:
     """(..., N, M) posteriors, (M,) prior, trust (..., N) -> the pooled p (..., M), and shares (..., N)."""
-    weighed = _weigh(p, prior, trust)
-    logs = weighed.factor[..., None] * weighed.x
+    _, x, hypotheses, factor, shares = _weigh(p, prior, trust)
+    logs = factor[..., None] * x
     mass = np.exp(logs if p.shape[-2] <= MOST_FINITE else logs - logs.max(axis=-1, keepdims=True))
     # Each hypothesis is normalised by its factor in the average, not by itself.
-    pooled = _average(weighed.hypotheses / _times(mass, prior), mass) * prior
-    return RuleResult(pooled, weighed.shares)
+    pooled = _average(hypotheses / _times(mass, prior), mass) * prior
+    return RuleResult(pooled, shares)
 
 
 def guarded_weights(p: Floats, prior: Floats, trust: Trust) -> PoolingWeights:
     """(N, M) posteriors, (M,) prior -> exponents (H, N) and probabilities of H hypotheses: N + 1, or 1."""
-    weighed = _weigh(p, prior, trust)
-    exponents = weighed.w * weighed.factor[..., None]
-    return PoolingWeights(exponents, np.full(p.shape[:-1], EPSILON), weighed.shares, weighed.hypotheses)
+    w, _, hypotheses, factor, shares = _weigh(p, prior, trust)
+    return PoolingWeights(w * factor[..., None], np.full(p.shape[:-1], EPSILON), shares, hypotheses)
 
 
-def _weigh(p: Floats, prior: Floats, trust: Trust) -> _Weighed:
+def _weigh(p: Floats, prior: Floats, trust: Trust) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """w (..., H, N); x (..., H, M) = ln L_h(m); P(h) and W^(gamma-1), (..., H); shares (..., N)."""
     fixed = _fixed(p.shape[-2], prior.tobytes(), p.ndim)
     logs = np.log(p * fixed.scale + fixed.offset)
     bits = np.maximum(_times(p * logs[0], fixed.to_bits), ZERO)
@@ -94,7 +83,7 @@ def _weigh(p: Floats, prior: Floats, trust: Trust) -> _Weighed:
     factor = np.power(np.maximum(effective_number, ONE), EXPONENT)
     hypotheses = _hypotheses(bits, z, trust)
     information = _average(hypotheses * factor, w) * bits + TINY
-    return _Weighed(w, x, hypotheses, factor, information / np.add.reduce(information, axis=-1, keepdims=True))
+    return w, x, hypotheses, factor, information / np.add.reduce(information, axis=-1, keepdims=True)
 
 
 def _correlations(p: Floats, logs: Floats, fixed: "_Fixed") -> Floats:

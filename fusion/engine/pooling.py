@@ -61,7 +61,7 @@ class PoolingCase:
 
 
 def pool_posteriors(case: PoolingCase) -> PooledPosterior:
-    """Pool the posteriors of at least one observer (1 to 3)."""
+    """Pool the posteriors of at least one observer (1, 2, 4)."""
     has_unlearned, trust, rows = case.has_unlearned, observer_trust(case.posteriors), _rows(case)
     answers, prior = _answers(case, rows, has_unlearned), _prior(case, has_unlearned)
     facing = _facing(case.posteriors, len(prior))
@@ -80,21 +80,18 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     """Pool each case as `pool_posteriors` does, to the same bits; cases of equal shape together."""
     if len(cases) == 1:
         return [pool_posteriors(cases[0])]
-    pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
-        if case.rule.pool_movements is not None and all(posterior.surprise is None for posterior in case.posteriors):
-            sizes = len(case.posteriors), len(case.prior)
-            kind = (case.rule.name, *sizes, case.temperature, case.has_unlearned)
-            batches.setdefault(kind, []).append(n)
-        else:
-            pooled[n] = pool_posteriors(case)
+        has_facing = any(posterior.surprise is not None for posterior in case.posteriors)
+        sizes = len(case.posteriors), len(case.prior)
+        kind = (case.rule.name, *sizes, case.temperature, case.has_unlearned)
+        batches.setdefault(n if has_facing or case.rule.pool_movements is None else kind, []).append(n)
+    pooled = dict[int, PooledPosterior]()
     for places in batches.values():
         batch = [cases[n] for n in places]
         results = _pool_batch(batch) if len(batch) > 1 else map(pool_posteriors, batch)
-        for n, result in zip(places, results, strict=True):
-            pooled[n] = result
-    return [result for result in pooled if result is not None]
+        pooled.update(zip(places, results, strict=True))
+    return [pooled[n] for n in range(len(cases))]
 
 
 def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
@@ -132,7 +129,7 @@ def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
 
 
 def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
-    """Every facet that some observer publishes, by name, of each case (4); facets of equal shape together."""
+    """Every facet that some observer publishes, by name, of each case (3); facets of equal shape together."""
     results: list[dict[str, Floats]] = [{} for _ in cases]
     batches: dict[tuple[str, int, int], list[_Facet]] = {}
     for case, pooled in zip(cases, results, strict=True):
@@ -250,7 +247,6 @@ def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
 
 
 def _tempered(answers: Floats, prior: Floats, temperature: float) -> Floats:
-    """The pooled answers at `fusion.temperature` (3)."""
     return answers if temperature == 1.0 else temper(answers, prior, 1.0 / temperature)
 
 

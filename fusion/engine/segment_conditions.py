@@ -123,7 +123,7 @@ class Conditions:
         held, at_ns = self._held, state.at_ns
         is_same = held.label == state.label and at_ns - held.last_ns <= NOTICED_NS
         if state.p < self._config.threshold:
-            if not still:
+            if held.agreed_ns is not None and not still:
                 self._held = held._replace(agreed_ns=None)
         elif still and held.label:
             self._held = held._replace(last_ns=at_ns) if is_same else held
@@ -204,8 +204,8 @@ class Conditions:
         return at_ns - quiet.clear_ns >= NOTICED_NS and at_ns - quiet.since_ns < FADING * self._hold_ns
 
     def _is_seen(self, step: SegmentStep) -> bool:
-        is_later = step.state.at_ns > self._decision.decided_ns
-        return is_later and step.state.observed and step.state.label == self._decision.label
+        decision, state = self._decision, step.state
+        return state.observed and state.label == decision.label and state.at_ns > decision.decided_ns
 
     def _is_back(self, step: SegmentStep) -> bool:
         return step.state.observed and self._goes_on(step.state)
@@ -221,19 +221,16 @@ class Conditions:
         return self._held.agreed_ns is not None and state.moves and self._held.label != self._decision.label
 
     def _is_next(self, step: SegmentStep) -> bool:
-        soonest_ns = max(NOTICED_NS, self._lasts.least_ns)
-        is_out = self._movement.outage_ns is not None
-        return self._is_other(step) and (is_out or self._moved_until_held >= soonest_ns)
+        if not self._is_other(step):
+            return False
+        moved_ns = (self._held.agreed_ns or 0) - self._movement.began_ns
+        return self._movement.outage_ns is not None or moved_ns >= max(NOTICED_NS, self._lasts.least_ns)
 
     def _is_premature(self, step: SegmentStep) -> bool:
-        is_soon = self._moved_until_held < self._lasts.least_ns
-        is_due = is_soon or step.state.at_ns - self._decision.decided_ns >= REVISED_NS
-        return self._is_other(step) and is_due and self._decision.revisions < REVISIONS_LIMIT
-
-    @property
-    def _moved_until_held(self) -> int:
-        """From the begin of the movement until the label that is held now met the demand; ns."""
-        return (self._held.agreed_ns or 0) - self._movement.began_ns
+        if not self._is_other(step) or self._decision.revisions >= REVISIONS_LIMIT:
+            return False
+        is_soon = (self._held.agreed_ns or 0) - self._movement.began_ns < self._lasts.least_ns
+        return is_soon or step.state.at_ns - self._decision.decided_ns >= REVISED_NS
 
     def _is_missed(self, step: SegmentStep) -> bool:
         decision = self._decision

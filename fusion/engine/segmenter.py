@@ -94,7 +94,8 @@ class Segmenter(Conditions):
             if row.state is IDLE:
                 self._finish()
                 break
-        self._count(state)
+        if state.repetitions is not None:
+            self._count(state)
         if self.waits:
             self._first_ns = min(self._first_ns, state.at_ns)
             if state.complete or state.at_ns - self._first_ns >= self._grace_ns:
