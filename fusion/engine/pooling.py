@@ -3,7 +3,7 @@
 The design, with the numbers that the code names: fusion.md, "More than movements". Rest is pooled in rest.py.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -19,7 +19,6 @@ from fusion.engine.weighing import Rule, RuleResult, Trust
 FACING = "facing"
 FACETS_NS = SECOND_NS // 5
 """Between verdicts facets are pooled this seldom: people read them, and observers send new ones 10 times a second."""
-NOT_POOLED: Floats = np.empty(0)  # keeps the place of a facet among the others
 
 
 @dataclass(slots=True)
@@ -131,50 +130,31 @@ def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
 def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
     """Every facet that some observer publishes, by name, of each case (3); facets of equal shape together."""
     results: list[dict[str, Floats]] = [{} for _ in cases]
-    batches: dict[tuple[str, int, int], list[_Facet]] = {}
+    batches: dict[tuple[Rule, int, int], list[tuple[dict[str, Floats], str, Sequence[Sequence[float]], Trust]]] = {}
     for case, pooled in zip(cases, results, strict=True):
-        published = [posterior.facets for posterior in case.posteriors if posterior.facets]
-        if not published:
-            continue
-        names = {name for facets in published for name in facets if name != FACING}
+        names = {name for posterior in case.posteriors for name in posterior.facets if name != FACING}
         trust = observer_trust(case.posteriors)
         # A limit for all observers together, so that invented names cost no time.
         for name in sorted(names)[:FACETS_LIMIT]:
             sizes = [len(posterior.facets.get(name, ())) for posterior in case.posteriors]
             size = _most_common([own for own in sizes if own])
-            if size < 2:
-                continue
             places = [n for n, own in enumerate(sizes) if own == size]
             rows = [case.posteriors[n].facets[name] for n in places]
-            pooled[name] = NOT_POOLED
-            facet = _Facet(case.rule, name, rows, None if trust is None else trust[places], pooled)
-            batches.setdefault((case.rule.name, size, len(places)), []).append(facet)
-    for batch in batches.values():
-        for facet, p in zip(batch, _pool_alike(batch), strict=True):
-            facet.pooled[facet.name] = p
-    return results
-
-
-@dataclass(slots=True)
-class _Facet:
-    """One facet of one case: N distributions `rows`, the trust in their observers, and the results of the case."""
-
-    rule: Rule
-    name: str
-    rows: Sequence[Sequence[float]]
-    trust: Trust
-    pooled: dict[str, Floats]
-
-
-def _pool_alike(facets: Sequence[_Facet]) -> Iterable[Floats]:
-    """(V,) of each of F facets with equal rule, N and V; in one call where the rule takes leading axes."""
-    rule, prior = facets[0].rule, uniform(len(facets[0].rows[0]))
-    # (F, N, V): each sum was checked on arrival to be nearly 1.
-    rows = np.array([facet.rows for facet in facets])
-    rows /= rows.sum(axis=-1, keepdims=True)
-    if rule.pool_movements is None or len(facets) == 1:
-        return [rule.pool(own, prior, facet.trust).p for own, facet in zip(rows, facets, strict=True)]
-    return rule.pool(rows, prior, _stacked([facet.trust for facet in facets])).p
+            if size > 1:
+                facet = pooled, name, rows, None if trust is None else trust[places]
+                batches.setdefault((case.rule, size, len(places)), []).append(facet)
+    for (rule, size, _), facets in batches.items():
+        # (F, N, V): each sum was checked on arrival to be nearly 1.
+        all_rows = np.array([rows for _, _, rows, _ in facets])
+        all_rows /= all_rows.sum(axis=-1, keepdims=True)
+        trusts, prior = [trust for *_, trust in facets], uniform(size)
+        if rule.pool_movements is None or len(facets) == 1:
+            posteriors = [rule.pool(own, prior, trust).p for own, trust in zip(all_rows, trusts, strict=True)]
+        else:
+            posteriors = list(rule.pool(all_rows, prior, _stacked(trusts)).p)
+        for (pooled, name, *_), p in zip(facets, posteriors, strict=True):
+            pooled[name] = p
+    return [dict(sorted(pooled.items())) for pooled in results]
 
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
