@@ -11,6 +11,9 @@ import math
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
+
+import numpy as np
 
 from common import SECOND_NS
 from common.message_types import CONTRADICTED
@@ -249,20 +252,8 @@ def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | No
     weighted = [(rest, weight) for rest, weight in weighted if weight >= LEAST_SHARE * largest * (1 - 1e-9)]
     if not weighted:
         weighted = sorted((posterior.rest, 1.0) for posterior in posteriors if posterior.rest < 1.0) or [(1.0, 1.0)]
-    return _weighted_median(weighted)
-
-
-def _weighted_median(weighted: Sequence[tuple[float, float]]) -> float:
-    """The median of (rest, weight) pairs in rising order of rest, at least one, interpolated between two.
-
-    Each value stands at the middle of its weight. Plain Python, because there are few observers.
-    """
-    half, before = sum(weight for _, weight in weighted) / 2, 0.0
-    last_rest, last_middle = weighted[0][0], 0.0
-    for rest, weight in weighted:
-        middle = before + weight / 2
-        if middle >= half:
-            # Round-off may exceed 1.
-            return min(last_rest + (rest - last_rest) * (half - last_middle) / (middle - last_middle), rest)
-        last_rest, last_middle, before = rest, middle, before + weight
-    return last_rest
+    # Each stands at the middle of its weight; between two it is interpolated.
+    rests, shares = zip(*weighted, strict=True)
+    middles = [reached - share / 2 for reached, share in zip(accumulate(shares), shares, strict=True)]
+    # Round-off may exceed the largest.
+    return float(min(np.interp(sum(shares) / 2, middles, rests), rests[-1]))
