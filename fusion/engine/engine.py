@@ -21,10 +21,8 @@ from fusion.engine.segmenter import Segmenter
 from fusion.engine.segments import (
     MovementDecision,
     PooledState,
-    counted_in,
     last_capture_ns,
-    missing_of,
-    repetitions_of,
+    pooled_repetitions,
 )
 from fusion.engine.trust import Reliability, learn_from_verdict
 from fusion.engine.verdicts import (
@@ -139,13 +137,12 @@ class FusionEngine:
         rest = self._rest.pool(posteriors, now_ns)
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
-        missing = missing_of(posteriors) if self._segmenter.waits else []
-        is_periodic = self._segmenter.lasting(ballot.label).periodic
+        waits, is_periodic = self._segmenter.waits, self._segmenter.lasting(ballot.label).periodic
+        missing = [each.observer for each in posteriors if waits and each.age_s is None and each.state == "silent"]
+        counting = [each for each in posteriors if is_periodic and ballot.votes[each.observer].label == ballot.label]
         state = PooledState(
             now_ns, ballot.label, ballot.p * (1.0 - unlearned), ballot.agreement.k, rest, unlearned, observed,
-            newest_capture_ns(posteriors, now_ns), not missing,
-            repetitions_of(ballot.label, posteriors, ballot.votes) if is_periodic else None,
-            ballot.contested,
+            newest_capture_ns(posteriors, now_ns), not missing, pooled_repetitions(counting), ballot.contested,
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
@@ -181,11 +178,11 @@ class FusionEngine:
             return
         if not isinstance(judgement, VerdictMessage):
             ongoing = judgement.movement
-            movement = None if ongoing is None else progress_of(ongoing, counted_in(judgement))
+            movement = None if ongoing is None else progress_of(ongoing, judgement)
             self._segmenter.follow(movement, last_capture_ns(judgement), None if ongoing is None else ongoing.outage_ns)
             self._keep_bases(self._bases)
             return
-        progress = None if judgement.ended_ns is not None else progress_of(judgement, counted_in(judgement))
+        progress = None if judgement.ended_ns is not None else progress_of(judgement, judgement)
         self._segmenter.follow(progress, judgement.at_ns)
         self._keep_bases({**self._bases, judgement.decided_ns: VerdictBasis(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
@@ -200,7 +197,7 @@ class FusionEngine:
         decided = own is not None and own.decision is not None
         if decided or movement is None or movement.label is None or judgement.vocabulary.hash != self.vocabulary.digest:
             return False
-        self._segmenter.follow(progress_of(movement, counted_in(judgement)))
+        self._segmenter.follow(progress_of(movement, judgement))
         return True
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:

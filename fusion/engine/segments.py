@@ -4,7 +4,7 @@ Here observers' counts of a periodic movement are pooled, too: by a median weigh
 movement swings in each view (docs/design/fusion.md, "Segments", 8). Times: Unix epoch in ns.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import floor, inf
@@ -13,7 +13,7 @@ from typing import NamedTuple
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import LONGEST_STAY, PAUSE_S, MovementTimes
-from common.messages import JudgementMessage, VerdictStage, Vote
+from common.messages import JudgementMessage, VerdictStage
 from common.vocabulary import Vocabulary
 from fusion.engine.roster import AgedPosterior
 
@@ -215,11 +215,6 @@ def durations_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Dura
     return durations
 
 
-def missing_of(posteriors: Iterable[AgedPosterior]) -> list[str]:
-    """The observers of the roster that have sent nothing yet."""
-    return [each.observer for each in posteriors if each.age_s is None and each.state == "silent"]
-
-
 def last_capture_ns(judgement: JudgementMessage) -> int:
     """The capture time of the newest posterior of the service that sent a judgement, by its votes; 0 without one.
 
@@ -229,13 +224,6 @@ def last_capture_ns(judgement: JudgementMessage) -> int:
         return judgement.at_ns
     ages_s = [vote.age_s for vote in judgement.votes.values() if vote.age_s is not None]
     return judgement.at_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else 0
-
-
-def repetitions_of(
-    label: str, posteriors: Iterable[AgedPosterior], votes: Mapping[str, Vote]
-) -> RepetitionCount | None:
-    """How often `label` has been done so far, as the observers count that vote for it; None: nobody counts."""
-    return pooled_repetitions([each for each in posteriors if votes[each.observer].label == label])
 
 
 def pooled_repetitions(posteriors: Iterable[AgedPosterior]) -> RepetitionCount | None:
@@ -276,12 +264,6 @@ def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float:
         if 2 * below > total:
             return value
     return ordered[-1][0]
-
-
-def counted_in(judgement: JudgementMessage) -> RepetitionCount | None:
-    """What a judgement or verdict says."""
-    done, partial = judgement.repetitions, judgement.partial_repetitions
-    return None if done is None else RepetitionCount(done, partial or 0)
 
 
 def repetition_fields(repetitions: RepetitionCount | None) -> dict[str, int | None]:

@@ -94,16 +94,16 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
     return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
 
 
-def progress_of(
-    message: OngoingMovement | VerdictMessage, repetitions: RepetitionCount | None = None
-) -> MovementProgress:
-    """The movement in progress that a message carries. repetitions: of the movement so far."""
-    if message.label is None or message.decided_ns is None:
-        return MovementProgress(message.began_ns)
+def progress_of(movement: OngoingMovement | VerdictMessage, message: JudgementMessage) -> MovementProgress:
+    """The movement in progress that a message carries, or a verdict is."""
+    if movement.label is None or movement.decided_ns is None:
+        return MovementProgress(movement.began_ns)
+    done = message.repetitions
+    count = None if done is None else RepetitionCount(done, message.partial_repetitions or 0)
     decision = MovementDecision(
-        message.label, message.began_ns, message.decided_ns, revises=message.revises, repetitions=repetitions
+        movement.label, movement.began_ns, movement.decided_ns, revises=movement.revises, repetitions=count
     )
-    return MovementProgress(message.began_ns, decision)
+    return MovementProgress(movement.began_ns, decision)
 
 
 def contributions(case: PoolingCase, label: int | None) -> dict[str, Contribution]:
