@@ -14,9 +14,9 @@ from fusion.score_pool import JudgedScore, pooled_score
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.motion.archive_file import read_archive
-from observer.score.comparison import JOINTS, Alignment, AlignmentPart, joints_of, places_of
+from observer.score.comparison import JOINTS, Alignment, joints_of, places_of
 from observer.score.references import JudgeScore, ReferenceTakes, Remark
-from observer.tracks import Floats, Floats32
+from observer.tracks import Floats, Floats32, Integers
 from studies.scoring.judging import (
     SeenPerformance,
     agreed_remarks,
@@ -130,6 +130,18 @@ class _ExerciseView:
     body_parts: tuple[str, ...]
 
 
+class AlignmentPart(Alignment):
+    """An alignment beside some of its takes, (N,) their indices."""
+
+    def __init__(self, alignment: Alignment, takes: Sequence[int]) -> None:
+        self._alignment, self._takes = alignment, takes
+        self.distances = alignment.distances[list(takes)]
+
+    def path(self, take: int) -> Integers:
+        """As that of the alignment."""
+        return self._alignment.path(self._takes[take])
+
+
 class SharedAlignments:
     """Aligns takes with each other once, whichever of them are left out afterwards."""
 
@@ -137,7 +149,7 @@ class SharedAlignments:
         self._takes, self._place = takes, {take.tobytes(): n for n, take in enumerate(takes)}
         self._known: dict[int, Alignment] = {}
 
-    def __call__(self, performance: Floats32, takes: Sequence[Floats32]) -> Alignment | AlignmentPart:
+    def __call__(self, performance: Floats32, takes: Sequence[Floats32]) -> Alignment:
         own = self._place.get(performance.tobytes())
         if own is None:
             return Alignment(performance, takes)

@@ -67,7 +67,7 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: 
 def require_unpackable(file: IO[bytes]) -> None:
     """Raises ValueError, one line, if the open .npz file unpacks to far more than arrays of numbers do."""
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode) or not zipfile.is_zipfile(file):
-        raise ValueError("not an .npz file, which is a zip of arrays")
+        raise ValueError("not a whole .npz file, which is a zip of arrays")
     packed = file.seek(0, os.SEEK_END)
     with zipfile.ZipFile(file) as members:
         unpacked = sum(member.file_size for member in members.infolist())
@@ -78,14 +78,21 @@ def require_unpackable(file: IO[bytes]) -> None:
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of a file; raises FileNotFoundError, and ValueError with one line for a file that cannot be read."""
+    arrays: dict[str, NDArray[Any]] = {}
+    name = ""
     try:
         # Opened here: numpy leaves a broken zip open.
         with path.open("rb") as opened:
             require_unpackable(opened)
             with np.load(opened, allow_pickle=False) as file:
-                return {name: file[name] for name in file.files}
+                for name in file.files:
+                    arrays[name] = file[name]
+                    if not isinstance(arrays[name], np.ndarray):
+                        raise ValueError("not an array")
     except FileNotFoundError:
         raise
     # The errors of zipfile, zlib, tokenize and numpy for broken files have no common base class.
     except Exception as error:
-        raise ValueError(" ".join(str(error).split())[:200] or type(error).__name__) from error
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{name}: {reason}" if name else reason) from error
+    return arrays

@@ -12,6 +12,7 @@ from common.errors import BadInput
 from observer.effort.features import FEATURE_NAMES
 from observer.effort.model import FACTOR_FEATURES, FACTORS, EffortModel
 from observer.files import read_arrays, write_arrays
+from observer.model.base import array_in
 
 EFFORT_FORMAT = 1
 LEARN_EFFORT = "make one with labanmesh learn ... --effort"
@@ -56,20 +57,7 @@ def read_effort(path: Path) -> EffortModel:
             {"features": FEATURE_NAMES, "evidence": FACTOR_FEATURES}
         ):
             raise BadInput(f"{path}: learned by another version (format, features); {LEARN_EFFORT}")
-        return _checked(
-            EffortModel(
-                view=str(header["view"]),
-                rate_hz=float(header["rate_hz"]),
-                body_parts=tuple(header["body_parts"]),
-                mean=arrays["mean"],
-                deviation=arrays["deviation"],
-                examples=arrays["examples"].astype(np.float64),
-                levels=arrays["levels"].astype(np.int64),
-                spreads={factor: arrays[f"spread_{factor}"] for factor in FACTORS},
-                temper=arrays["temper"],
-                provenance={name: str(value) for name, value in header["provenance"].items()},
-            )
-        )
+        return _model_of(header, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise BadInput(f"{path}: damaged Effort model ({reason}); {LEARN_EFFORT}") from None
@@ -80,18 +68,24 @@ def _evidence(header: object) -> str:
     return json.dumps([list(header["features"]), {f: list(n) for f, n in header["evidence"].items()}])
 
 
-def _checked(model: EffortModel) -> EffortModel:
-    if not 0 < model.rate_hz < math.inf:
-        raise ValueError(f"rate_hz is {model.rate_hz:g}, a positive, finite rate is expected")
-    n, d = len(model.levels), len(FEATURE_NAMES)
-    shapes: dict[str, tuple[NDArray[Any], tuple[int, ...]]] = {"mean": (model.mean, (d,))}
-    shapes |= {"deviation": (model.deviation, (d,)), "examples": (model.examples, (n, d))}
-    shapes |= {"levels": (model.levels, (n, len(FACTORS))), "temper": (model.temper, (len(FACTORS),))}
-    shapes |= {f"spread_{f}": (model.spreads[f], (len(FACTOR_FEATURES[f]),) * 2) for f in FACTORS}
-    for name, (array, shape) in shapes.items():
-        if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name} is {array.shape}, {shape} of finite numbers is expected")
-    return model
+def _model_of(header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> EffortModel:
+    """Raises ValueError for arrays of other shapes, and for numbers that are not finite."""
+    n, d, rate_hz = len(arrays["levels"]), len(FEATURE_NAMES), float(header["rate_hz"])
+    if not 0 < rate_hz < math.inf:
+        raise ValueError(f"rate_hz is {rate_hz:g}, a positive, finite rate is expected")
+    sizes = {factor: len(names) for factor, names in FACTOR_FEATURES.items()}
+    return EffortModel(
+        view=str(header["view"]),
+        rate_hz=rate_hz,
+        body_parts=tuple(header["body_parts"]),
+        mean=array_in(arrays, "mean", (d,), np.float64),
+        deviation=array_in(arrays, "deviation", (d,), np.float64),
+        examples=array_in(arrays, "examples", (n, d), np.float64),
+        levels=array_in(arrays, "levels", (n, len(FACTORS)), np.int64),
+        spreads={f: array_in(arrays, f"spread_{f}", (sizes[f], sizes[f]), np.float64) for f in FACTORS},
+        temper=array_in(arrays, "temper", (len(FACTORS),), np.float64),
+        provenance={name: str(value) for name, value in header["provenance"].items()},
+    )
 
 
 def require_rate(path: Path, model: EffortModel, rate_hz: float) -> None:

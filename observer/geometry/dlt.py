@@ -24,13 +24,12 @@ With 1 px of noise, all points but one in a plane give 0.001 to 0.0025; 12 or mo
 class FittedMatrix:
     """The result of the DLT.
 
-    matrix: (3, 4), scaled so that w is the depth in metres. error_px: root mean square of error_per_point_px (N,),
-    the distances between measured and projected points. warnings: for people, about the quality of the result.
+    matrix: (3, 4), scaled so that w is the depth in metres. error_px: root mean square of the distances between
+    measured and projected points. warnings: for people, about the quality of the result.
     """
 
     matrix: Floats
     error_px: float
-    error_per_point_px: Floats
     warnings: tuple[str, ...]
 
 
@@ -51,7 +50,7 @@ def fit_projective_matrix(points_m: Floats, pixels: Floats) -> FittedMatrix:
     H = _in_metres(np.linalg.inv(in_image) @ _refined(vectors, points, image) @ in_space)
     _check_in_front(H, points_m)
     errors_px = np.linalg.norm(_image(H, points_m) - pixels, axis=1)
-    return FittedMatrix(H, float(np.sqrt(np.mean(errors_px**2))), errors_px, _warnings(len(points_m)))
+    return FittedMatrix(H, float(np.sqrt(np.mean(errors_px**2))), _warnings(len(points_m)))
 
 
 def _check(points_m: Floats, pixels: Floats) -> None:

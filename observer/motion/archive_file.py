@@ -3,7 +3,6 @@
 A file with `positions` holds motion in space, one with `tracks` the 2-D tracks of one camera.
 """
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common import SECOND_NS
-from common.errors import BadInput, reason_of
-from observer.files import SHARED, require_unpackable, write_arrays
+from common.errors import BadInput
+from observer.files import SHARED, read_arrays, write_arrays
 from observer.motion.archive import (
     HIGHEST_RATE_HZ,
     LOWEST_RATE_HZ,
@@ -122,40 +121,15 @@ def write_archive(path: Path, archive: MotionArchive, mode: int = SHARED) -> Non
 
 def _load(path: Path) -> Arrays:
     """All arrays that the contract names; the span arrays are optional."""
-    _check_is_zip(path)
-    arrays: Arrays = {}
-    name = "the list of arrays"
     try:
-        # Opened here: numpy leaves a broken zip open.
-        with path.open("rb") as content:
-            require_unpackable(content)
-            with np.load(content, allow_pickle=False) as file:
-                for name in _names(path, set(file.files)):
-                    arrays[name] = file[name]
-                    if not isinstance(arrays[name], np.ndarray):
-                        raise ValueError("not an array")
-    except BadInput:
-        raise
-    # The errors of zipfile, zlib and numpy for broken files have no common base class.
-    except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: {name} cannot be read ({reason}); an array without pickles is expected") from error
-    return arrays
-
-
-def _check_is_zip(path: Path) -> None:
-    try:
-        with path.open("rb") as file:
-            start = file.read(4)
-        whole = path.is_file() and zipfile.is_zipfile(path)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {reason_of(error)}; name a motion archive (.npz)") from error
-    if not start:
-        raise BadInput(f"{path}: is empty; a motion archive (.npz) is expected")
-    if not whole and start.startswith(b"PK"):
-        raise BadInput(f"{path}: is truncated: its table of contents is missing; a whole motion archive is expected")
-    if not whole:
-        raise BadInput(f"{path}: is not a motion archive: an .npz file (a zip of arrays) is expected")
+        arrays = read_arrays(path)
+    except FileNotFoundError:
+        raise BadInput(f"{path}: cannot be read: no such file; name a motion archive (.npz)") from None
+    except ValueError as error:
+        raise BadInput(
+            f"{path}: cannot be read ({error}); a whole motion archive is expected, without pickles"
+        ) from None
+    return {name: arrays[name] for name in _names(path, set(arrays))}
 
 
 def _names(path: Path, present: set[str]) -> tuple[str, ...]:

@@ -120,19 +120,7 @@ class Alignment:
         return np.array(steps[::-1])
 
 
-class AlignmentPart:
-    """An alignment beside some of its takes, (N,) their indices."""
-
-    def __init__(self, alignment: Alignment, takes: Sequence[int]) -> None:
-        self._alignment, self._takes = alignment, takes
-        self.distances: Floats = alignment.distances[list(takes)]
-
-    def path(self, take: int) -> Integers:
-        """As that of the alignment."""
-        return self._alignment.path(self._takes[take])
-
-
-Align = Callable[[Floats32, Sequence[Floats32]], Alignment | AlignmentPart]
+Align = Callable[[Floats32, Sequence[Floats32]], Alignment]
 """Aligns a performance with takes."""
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Arrays
+from observer.model.base import Arrays, array_in
 from observer.model.body_trace import hop_of, width_of
 from observer.score.comparison import columns_of, joints_of, limbs_of
 from observer.score.references import ReferenceSpread, ReferenceTake, ReferenceTakes
@@ -43,14 +43,10 @@ def references_from_arrays(
     own = [str(label) for label in arrays[LABELS_ARRAY]]
     joints = len(joints_of(body_parts))
     deviations = len(columns_of(limbs_of(body_parts), joints_of(body_parts)))
-    traces = np.asarray(arrays["reference_traces"], np.float32)
-    lengths = np.asarray(arrays["reference_lengths"], np.int64)
-    numbers = [np.asarray(arrays[f"reference_{n}"], np.float64) for n in ("usual", "spreads", "scales", "remarked")]
-    shapes = [(len(own), columns) for columns in (deviations, deviations, 2, joints)]
-    if [each.shape for each in numbers] != shapes or not all(np.isfinite(each).all() for each in numbers):
-        raise ValueError(f"references have shapes {[each.shape for each in numbers]}; finite {shapes} are expected")
-    if traces.ndim != 2 or traces.shape[1] != width_of(len(body_parts)) or not np.isfinite(traces).all():
-        raise ValueError(f"reference_traces have shape {traces.shape}, or contain NaN or infinity")
+    traces = array_in(arrays, "reference_traces", (None, width_of(len(body_parts))), np.float32)
+    lengths = array_in(arrays, "reference_lengths", (None,), np.int64)
+    columns = {"usual": deviations, "spreads": deviations, "scales": 2, "remarked": joints}
+    numbers = [array_in(arrays, f"reference_{n}", (len(own), count), np.float64) for n, count in columns.items()]
     if lengths.sum() != len(traces) or (lengths < 2).any() or (numbers[1] <= 0).any():
         raise ValueError("reference_traces do not fit reference_lengths, or spreads are not above 0")
     if len({*own}) != len(own) or not {*own} <= {*labels}:

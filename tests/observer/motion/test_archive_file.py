@@ -132,7 +132,7 @@ UNSEEN[3:] = np.nan
     [
         ({"positions": None}, "positions is missing"),
         ({"span_end": None}, "span_end is missing"),
-        ({"labels": np.array(["wave", None], object)}, "labels .*pickle"),
+        ({"labels": np.array(["wave", None], object)}, "labels: .*pickle"),
         ({"positions": np.zeros((5, 3, 3))}, "positions .*float64.*float32"),
         ({"lengths": np.array([3.0, 2.0])}, "lengths .*float64.*int64"),
         ({"labels": np.array([1, 2])}, "labels .*int64.*text"),
@@ -177,26 +177,22 @@ def test_a_broken_rule_is_named(changes, words, tmp_path):
 
 def test_files_of_other_formats(tmp_path):
     path = tmp_path / "motion.npz"
-    assert "cannot be read" in refused(path)
-    path.write_bytes(b"")
-    assert "is empty" in refused(path)
-    path.write_text("frame,x,y\n")
-    assert "is not a motion archive" in refused(path)
+    assert "cannot be read: no such file" in refused(path)
     np.save(tmp_path / "one.npy", np.zeros(3))
-    assert "is not a motion archive" in refused(tmp_path / "one.npy")
+    assert "not a whole .npz file" in refused(tmp_path / "one.npy")
     assert "cannot be read" in refused(tmp_path)
     with zipfile.ZipFile(path, "w") as file:
         for name in contract_arrays():
             file.writestr(f"{name}.npy", "no array")
-    assert "positions cannot be read" in refused(path)
+    assert "cannot be read (positions: not an array)" in refused(path)
 
 
 def test_a_truncated_file(tmp_path):
     whole = saved(tmp_path).read_bytes()
     path = tmp_path / "cut.npz"
-    for length in range(1, len(whole), 97):
+    for length in range(0, len(whole), 97):
         path.write_bytes(whole[:length])
-        assert "truncated" in refused(path) or length < 4
+        assert "not a whole .npz file" in refused(path)
 
 
 def test_a_damaged_file_is_read_completely_or_rejected_in_one_line(tmp_path):
