@@ -13,7 +13,7 @@ from observer.geometry.projection import Floats, LensDistortion, distorted, proj
 class CalibratedCamera:
     """One camera.
 
-    K: (3, 3) intrinsic matrix, px. distortion: (4, 5, 8, 12 or 14) in OpenCV's order, or (0,) where unknown. R: (3, 3),
+    K: (3, 3) intrinsic matrix, px. distortion: (4, 5 or 8) in OpenCV's order, or (0,) where unknown. R: (3, 3),
     t: (3,) metres: extrinsics, X_camera = R X_room + t. image_size_px: (width, height), where known. error_px: root
     mean square reprojection error, where known. provenance: how it was calibrated.
     """

@@ -28,30 +28,6 @@ class TriangulatedPoints:
     errors_px: Floats
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TriangulatedPoint:
-    """One of `TriangulatedPoints`: point (3,), used (N,), errors_px (N,)."""
-
-    point: Floats
-    used: NDArray[np.bool_]
-    errors_px: Floats
-
-    @property
-    def error_px(self) -> float:
-        """Root mean square over the inliers; NaN without a point."""
-        return float(np.sqrt(np.mean(self.errors_px[self.used] ** 2))) if self.used.any() else float("nan")
-
-
-def triangulate(matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: float = GATE_PX) -> TriangulatedPoint:
-    """(N, 3, 4) projective matrices, (N, 2) undistorted pixels (NaN row: not seen) -> the point.
-
-    As `triangulate_all`, for one point.
-    """
-    pixels = np.asarray(pixels, dtype=np.float64)
-    result = triangulate_all(matrices, pixels[None], gate_px)
-    return TriangulatedPoint(result.points[0], result.used[0], result.errors_px[0])
-
-
 def triangulate_all(
     matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: float = GATE_PX
 ) -> TriangulatedPoints:

@@ -18,7 +18,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import silence_opencv
-from observer.files import OTHER_PATH, write_file
+from observer.files import write_file
 from observer.motion.playback import FramePlayer, Start, begin_ns
 from observer.tracks import Frame
 
@@ -154,9 +154,9 @@ def read_picture(file: Path) -> Picture:
     return cast("Picture", picture)
 
 
-def write_picture(path: Path, picture: Picture, way_out: str = OTHER_PATH) -> None:
+def write_picture(path: Path, picture: Picture) -> None:
     """Write in the format of the suffix, atomically; raises LabanmeshError when the file cannot be written."""
-    write_file(path, cv2.imencode(path.suffix, picture)[1].tobytes(), way_out)
+    write_file(path, cv2.imencode(path.suffix, picture)[1].tobytes())
 
 
 def require_size(file: Path, picture: Picture, size_px: Size, like: str = "its first picture") -> None:

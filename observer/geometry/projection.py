@@ -102,14 +102,15 @@ def _axes(yaw_rad: float, pitch_rad: float) -> Floats:
     return np.array([right, down, viewing])
 
 
-DISTORTION_SIZES = (4, 5, 8, 12, 14)
-"""k1 k2 p1 p2; plus k3; plus k4 k5 k6 (rational); plus s1 to s4 (thin prism); plus the tilts of the sensor."""
-DISTORTION_SIZES_TEXT = "4 (k1 k2 p1 p2), 5 (plus k3), 8, 12 or 14 numbers in the order of OpenCV"
+DISTORTION_SIZES = (4, 5, 8)
+"""k1 k2 p1 p2; plus k3; plus k4 k5 k6 (rational)."""
+DISTORTION_SIZES_TEXT = "4 (k1 k2 p1 p2), 5 (plus k3) or 8 (plus k4 k5 k6) numbers in the order of OpenCV"
 
 MOST_NEWTON_STEPS = 20
 """Most Newton steps; five are usual, more are needed near the fold of the lens."""
-TOLERANCE_PX = 1e-3
-"""Largest residual of a solution; a pixel with a larger one is the image of no point, beyond the fold of the lens."""
+TOLERANCE = 1e-6
+"""Largest residual of a solution, normalised coordinates, a thousandth of a pixel at a focal length of 1000 px; a pixel
+with a larger one is the image of no point, beyond the fold of the lens."""
 CONVERGED = 1e-10
 """Residual at which the steps end, normalised coordinates: far below a pixel."""
 FINITE_STEP = 1e-6
@@ -120,8 +121,8 @@ FINITE_STEP = 1e-6
 class LensDistortion:
     """Intrinsics and distortion of a lens in OpenCV's model.
 
-    intrinsic_matrix: (3, 3) [[fu, s, cu], [0, fv, cv], [0, 0, 1]] px. distortion: (4, 5, 8, 12 or 14) in OpenCV's
-    order. Raises BadInput for other shapes and values.
+    intrinsic_matrix: (3, 3) [[fu, s, cu], [0, fv, cv], [0, 0, 1]] px. distortion: (4, 5 or 8) in OpenCV's order. Raises
+    BadInput for other shapes and values.
     """
 
     intrinsic_matrix: Floats
@@ -164,24 +165,21 @@ def check_intrinsic_matrix(K: Floats, where: str = "") -> None:
 def distorted(points: Floats, distortion: Floats) -> Floats:
     """(..., 2) normalised coordinates -> (..., 2) distorted ones; distortion: of any known size, or empty.
 
-    Brown-Conrady, rational, thin prism and tilted sensor models as defined by OpenCV's calib3d.
+    Brown-Conrady and rational models as defined by OpenCV's calib3d.
     """
-    coefficients = (*distortion.tolist(), *[0.0] * (14 - len(distortion)))
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = coefficients
+    k1, k2, p1, p2, k3, k4, k5, k6 = np.pad(distortion, (0, 8 - len(distortion)))
     x, y = points[..., 0], points[..., 1]
     r2 = x * x + y * y
     factor = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    u = x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
-    v = y * factor + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
-    distorted_points = np.stack([u, v], axis=-1)
-    return _tilted(distorted_points, tilt_x, tilt_y) if tilt_x or tilt_y else distorted_points
+    u = x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    v = y * factor + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([u, v], axis=-1)
 
 
-def undistorted(distorted_points: Floats, distortion: Floats, focal_px: float = 1000.0) -> Floats:
+def undistorted(distorted_points: Floats, distortion: Floats) -> Floats:
     """(..., 2) distorted normalised coordinates -> (..., 2) undistorted ones, by Newton's method: the inverse.
 
-    Started at the distorted point, it converges to the nearest solution. NaN where no solution is within TOLERANCE_PX
-    at this focal length.
+    Started at the distorted point, it converges to the nearest solution. NaN where no solution is within TOLERANCE.
     """
     if not distortion.any():
         return distorted_points
@@ -197,10 +195,8 @@ def undistorted(distorted_points: Floats, distortion: Floats, focal_px: float = 
             if not (np.abs(residual) > CONVERGED).any():
                 break
             points = points - _solved((right - left) / (2 * FINITE_STEP), (down - up) / (2 * FINITE_STEP), residual)
-        residual_px = (
-            np.linalg.norm(distorted(points, distortion) - distorted_points, axis=-1, keepdims=True) * focal_px
-        )
-    return np.where(residual_px <= TOLERANCE_PX, points, np.nan)
+        residual = np.linalg.norm(distorted(points, distortion) - distorted_points, axis=-1, keepdims=True)
+    return np.where(residual <= TOLERANCE, points, np.nan)
 
 
 def _solved(a: Floats, b: Floats, c: Floats) -> Floats:
@@ -209,15 +205,3 @@ def _solved(a: Floats, b: Floats, c: Floats) -> Floats:
     x = c[..., 0] * b[..., 1] - c[..., 1] * b[..., 0]
     y = a[..., 0] * c[..., 1] - a[..., 1] * c[..., 0]
     return np.stack([x, y], axis=-1) / across[..., None]
-
-
-def _tilted(distorted_points: Floats, tilt_x: float, tilt_y: float) -> Floats:
-    """(..., 2) on a sensor tilted by these angles (rad) about its axes (OpenCV, Scheimpflug)."""
-    cos_x, sin_x, cos_y, sin_y = np.cos(tilt_x), np.sin(tilt_x), np.cos(tilt_y), np.sin(tilt_y)
-    about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
-    about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
-    R = about_y @ about_x
-    H = np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R
-    image = distorted_points @ H[:, :2].T + H[:, 2]
-    result: Floats = image[..., :2] / image[..., 2:]
-    return result

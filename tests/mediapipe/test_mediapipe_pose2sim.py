@@ -10,7 +10,7 @@ from observer_stage import pose2sim_markers
 
 from labanmesh import main
 from observer.calibration.formats import read_opencv
-from observer.calibration.triangulate import triangulate
+from observer.calibration.triangulate import triangulate_all
 from observer.geometry.placement import facing_of
 from observer.motion.archive_file import read_archive
 from observer.tracking.mediapipe_pose import MediapipeTracker
@@ -71,10 +71,11 @@ def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, c
     seen = seen[:, :, :2]
     plain = np.array([camera.lens.undistorted(pixels) for camera, pixels in zip(cameras, seen, strict=True)])
     matrices = [camera.matrix for camera in cameras]
-    points = [[triangulate(matrices, plain[:, f, hand], GATE_PX) for hand in (0, 1)] for f in range(len(truth))]
-    off = np.linalg.norm(np.array([[point.point for point in row] for row in points]) - truth, axis=2)
+    seen_by_all = plain[:, : len(truth)].reshape(len(matrices), -1, 2).swapaxes(0, 1)
+    result = triangulate_all(matrices, seen_by_all, GATE_PX)
+    off = np.linalg.norm(result.points.reshape(truth.shape) - truth, axis=2)
     off = np.where(np.isnan(off), np.inf, off)
-    used = np.mean([point.used.sum() for row in points for point in row])
+    used = np.mean(result.used.sum(axis=1))
     left, right = np.median(off, axis=0)
     print(
         f"\nmedian {np.median(off) * 100:.1f} cm (left {left * 100:.1f}, right {right * 100:.1f}), 95 %"

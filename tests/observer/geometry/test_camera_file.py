@@ -116,7 +116,7 @@ def test_a_failed_write_keeps_the_old_file(tmp_path):
         write_camera(tmp_path / "nowhere" / "cam.toml", CameraModel("good", MATRIX))
 
 
-@pytest.mark.parametrize("size", [4, 5, 8, 12, 14])
+@pytest.mark.parametrize("size", [4, 5, 8])
 @pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
 def test_a_lens_is_read_back(tmp_path, size, scale):
     distortion = np.linspace(-0.1, 1 / 3, size)

@@ -10,7 +10,7 @@ from observer_stage import rejected
 from observer.geometry.projection import DISTORTION_SIZES, LensDistortion, undistorted
 
 K = np.array([[800.0, 0, 330], [0, 810, 250], [0, 0, 1]])
-STRONG = np.array([-0.3, 0.1, 1e-3, -2e-3, 0.02, 0.05, -0.02, 0.01, 2e-3, -1e-3, 1e-3, 5e-4, 0.02, -0.03])
+STRONG = np.array([-0.3, 0.1, 1e-3, -2e-3, 0.02, 0.05, -0.02, 0.01])
 DISTORTIONS = [STRONG[:size] for size in DISTORTION_SIZES]
 
 
