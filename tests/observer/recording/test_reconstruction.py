@@ -8,8 +8,9 @@ from observer_stage import rejected
 
 from observer.geometry.projection import pinhole_matrix, project
 from observer.motion.even_rate import at_even_rate
-from observer.recording.left_right import exchanged_back
+from observer.recording.new_recording import noise_m, smoothed
 from observer.recording.person_placement import _facing
+from observer.recording.reconstructed_parts import exchanged_back
 from observer.recording.reconstruction import (
     SAME_S,
     UP_AXES,
@@ -24,7 +25,6 @@ from observer.recording.reconstruction import (
     resample_tracks,
     to_performer_axes,
 )
-from observer.recording.smoothing import noise_m, smoothed
 
 MATRIX = np.eye(3, 4)
 EPOCH_NS = 1_764_000_000_123_456_789
