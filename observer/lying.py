@@ -1,9 +1,7 @@
 """Whether a person lies, from the parts of one camera: the evidence of the watch for falls. Pure.
 
-Needs no learning (docs/design/falls.md). Lengths in the image tell it, as multiples of the standing torso: how far the
-shoulders or the head are above the hips, the hips above the feet, and the head from the feet. Somebody who bends keeps
-the hips high, somebody who squats or sits keeps the torso upright, and somebody who crouches to tie a shoe keeps the
-head over the feet; who lies does none of it.
+Lengths in the image tell it, as multiples of the standing torso: how far the shoulders or the head are above the hips,
+the hips above the feet, and the head from the feet (docs/design/falls.md).
 """
 
 import math

@@ -1,14 +1,7 @@
-"""Effort as Bayesian variables, P(E_q) P(F | E_q), learned from labelled recordings (science: Rett 2009). Pure.
+"""Effort as Bayesian variables, P(E_q) P(F | E_q), learned from labelled recordings (docs/design/effort.md). Pure.
 
-Each labelled trial is an example, as in the model `phase`; a pole is the mixture of its examples:
-
-    P(F | E_q = e) = mean over trials n with level e of t_ν(F; F_n, S_q)
-
-    t_ν(F; m, S) proportional to (1 + (F-m)' S^-1 (F-m) / ν)^-(ν+d)/2          Student's t in d features
-    S_q = W + k B     W: how trials of the same Effort differ between actions, B: how actions differ, shrunk
-
-The factors interact (a free and sudden movement is not the sum of both); a mixture of examples represents that, one
-Gaussian per pole does not. B reduces the weight of features that depend on the action, because new actions occur too.
+Each labelled trial is an example; a pole is the mean of Student's t over its examples, with the spread S_q = W + k B: W
+is how trials of the same Effort differ between actions, B how actions differ.
 """
 
 import math

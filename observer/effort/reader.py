@@ -1,13 +1,8 @@
-"""Reads the facets of the current movement: Effort since its beginning, Shape of its last half second. Pure.
+"""Reads the facets of the current movement (docs/design/effort.md). Pure.
 
-The movement model's watch gives the probability of rest; a movement begins where rest ends, and Effort starts anew.
-
-Shape is Laban's spreading or enclosing, rising or sinking, advancing or retreating; formulas after Larboulette and
-Gibet, "A review of computable expressive descriptors of human motion", MOCO 2015. Three points suffice and nothing is
-learned: the rate r of a length over the last half second is measured with a noise of NOISE, and one below
-SLOW_SHAPE_PER_S is neither. With a flat prior on the true rate (docs/design/effort.md)
-
-    P(grows) = Φ((r - SLOW_SHAPE_PER_S)/NOISE)    P(shrinks) = Φ((-r - SLOW_SHAPE_PER_S)/NOISE)    P(neither) = the rest
+Effort since the movement's beginning, where rest ends; Shape of the last half second: spreading or enclosing, rising or
+sinking, advancing or retreating, after Larboulette and Gibet, "A review of computable expressive descriptors of human
+motion", MOCO 2015.
 """
 
 import math

@@ -1,9 +1,4 @@
-"""Training examples as chains of postures, and the likelihood of an observed posture under all of them. Pure.
-
-    P(posture o | chain c, phase f) proportional to exp(-sharpness |x_cf - o|^2) + exp(-outlier) of the largest one
-
-over the features that are seen (docs/design/model.md).
-"""
+"""Training examples as chains of postures, and the likelihood of an observed posture (docs/design/model.md). Pure."""
 
 import math
 

@@ -1,8 +1,7 @@
 """Reads and writes model files: .npz without pickles, described in docs/design/model.md.
 
-`header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
-placement); arrays named `reference_...` are its reference takes, if it has some
-(observer/score/reference_arrays.py); all other arrays are the model's own.
+`header` is a JSON text; arrays named `reference_...` are its reference takes (observer/score/reference_arrays.py); all
+other arrays are the model's own.
 """
 
 import json

@@ -1,15 +1,9 @@
 """The distance of a movement from the nearest take that was learned, as evidence for something else. Pure.
 
-A regression that has seen five takes of each movement hardly knows what else there is. But takes of one movement are
-alike: a movement that is farther from every take of its label than these are from each other is something else. The
-distance is that of dynamic time warping (Sakoe and Chiba, IEEE Transactions on Acoustics, Speech, and Signal
-Processing 26, 1978, symmetric form), from the begin of the movement to any instant of a take, so that a movement in
-progress is near too:
-
-    D(i, j) = min(D(i - 1, j) + d(i, j), D(i, j - 1) + d(i, j), D(i - 1, j - 1) + 2 d(i, j))     mean: D(i, j) / (i + j)
-
-d: root mean square of the 2 P differences of two frames, body sizes. A *relative* distance is in units of the mean
-distance between the movement's own takes.
+Takes of one movement are alike: a movement that is farther from every take of its label than these are from each other
+is something else. Dynamic time warping as in `observer.score.comparison`, but to any instant of a take, so that a
+movement in progress is near too; d is the root mean square of the 2 P differences of two frames, body sizes. A
+*relative* distance is in units of the mean distance between the movement's own takes.
 """
 
 from collections import defaultdict

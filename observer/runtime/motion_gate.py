@@ -1,9 +1,8 @@
 """Notices that something begins to move in pictures of nobody who moves; far cheaper than a tracker. Pure.
 
-A picture is reduced to ROWS x COLUMNS cells of grey. A picture has changed if CELLS of them or more differ from their
-mean over the last AVERAGE_S by more than LEAST_GREY and by more than NOISES times what they differ by while nobody
-moves; that is learned cell by cell, so that noise, a screen or a curtain do not count for long. Before the comparison
-the mean is brought to the picture's brightness: the light of the whole room may change.
+A picture of ROWS x COLUMNS cells of grey has changed if CELLS of them or more differ from their mean over the last
+AVERAGE_S by more than LEAST_GREY and by more than NOISES times what they differ by while nobody moves, which is learned
+cell by cell. Before the comparison the mean is brought to the picture's brightness.
 """
 
 from collections import deque

@@ -1,9 +1,8 @@
 """Recordings of a scene begin together, when the last of its observers is ready: a start barrier in a folder.
 
-`labanmesh up` names the folder and puts a file ID.awaited into it for each observer that plays a recording, and takes
-that away when the process has failed. An observer that has loaded its model and tracker writes ID.ready with the time,
-and waits for the others. The first to see them all writes the begin to `begin`, once and for all: an observer that is
-started again later joins at the place where the others are.
+`labanmesh up` puts a file ID.awaited into it for each observer that plays a recording, and takes that away when the
+process has failed. An observer that is ready writes ID.ready with the time, and waits for the others. The first to see
+them all writes the begin to `begin`, once and for all.
 """
 
 import logging

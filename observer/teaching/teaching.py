@@ -1,14 +1,11 @@
 """Teaching as one observer sees it: requests in, replies out. Pure.
 
 1. A teacher (`labanmesh teach`) asks: start, then for each take begin; the take ends when the person stands still, or
-   when the teacher ends it (`observer.teaching.take_recorder`). Then something else for some minutes, learn, and adopt.
-2. The reply says why a request cannot be done.
-3. Learning takes place elsewhere (`ModelLearner`). The new model is in force from `adopt` on, when all observers of the
-   scene have learned theirs.
-4. A wrong verdict becomes an example, cut out of the remembered tracks (`observer.teaching.corrections`). `forget`
-   removes takes from the disk and from memory; the model in force knows them until a new one is adopted.
-5. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S; what it was
-   recording ends then. Anybody who may ask may ask for the status, and to be shown a take or what is seen now.
+   when the teacher ends it. Then something else for some minutes, learn, and adopt, when all observers have learned.
+2. A wrong verdict becomes an example, cut out of the remembered tracks. `forget` removes takes from the disk and from
+   memory; the model in force knows them until a new one is adopted.
+3. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S. Anybody who may
+   ask may ask for the status, and to be shown a take or what is seen now.
 
 Times are seconds of a monotonic clock, and the times of frames in ns.
 """

@@ -1,8 +1,7 @@
 """The pose model in mediapipe's wheel as a `PersonModel`: its detector, and its landmarks at a given place.
 
-`mediapipe.solutions` joins the two in one graph that looks for one person in the whole picture and then keeps to its
-own region. Here are the same parts as two graphs, so that everybody whom the detector finds is a candidate, and the
-place of the followed person is ours. For one person in the whole picture both give the same landmarks.
+`mediapipe.solutions` joins the two in one graph that looks for one person and keeps to its own region. Here they are
+two graphs, so that the place of the followed person is ours; for one person both give the same landmarks.
 """
 
 import math

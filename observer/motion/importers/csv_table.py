@@ -1,14 +1,7 @@
-"""Imports plain tables: .csv files with one row per frame, for programs that write no other format.
+"""Imports plain tables: .csv files with one row per frame (docs/reference/motion.md).
 
-The first line is
-
-    subject,trial,label,frame,time_s,left_hand_x,left_hand_y,left_hand_z,right_hand_x,right_hand_y,right_hand_z,head_x,head_y,head_z
-
-and may go on with other body parts, or have others in their place: three columns each, in this order. Positions are in
-metres: x to the performer's right, y up, z to the performer's back; three empty cells are a body part that is not seen.
-Rows with the same subject, trial and label stand together and are one recording of two frames or more; `frame` counts
-up by one in it and `time_s` grows by equal steps, within 1 % (which takes at least five decimals at 30 Hz), and gives
-the rate. The label is [a-z0-9_]*.
+The first line names subject, trial, label, frame, time_s, and x, y and z of each body part. Rows of one recording stand
+together; `frame` counts up by one, and `time_s` grows by equal steps, within 1 %.
 """
 
 import csv
