@@ -63,16 +63,23 @@ class SeenTrack:
 class _Track:
     """A track of one observer. since_ns: since when it has no person. costs: by person, the mean over AGREE_S.
 
-    is_new: whether its newest sighting has not been compared. fits: whether it may be of somebody who is known.
+    before_ns: when it was seen last but one: the observer's others of that picture have arrived. is_new: whether its
+    newest sighting has not been compared. fits: whether it may be of somebody who is known.
     """
 
     seen: SeenTrack
     since_ns: int
+    before_ns: int = 0
     person: str | None = None
     costs: dict[str, float] = field(default_factory=dict)
     compared_ns: int = 0
     is_new: bool = True
     fits: bool = False
+
+    @property
+    def waits(self) -> bool:
+        """Whether it fits nobody."""
+        return self.person is None and not self.fits
 
 
 class ScenePeople:
@@ -109,7 +116,7 @@ class ScenePeople:
             if (track := self._tracks.get(key)) is None:
                 self._tracks[key] = _Track(sighting, sighting.at_ns)
             elif sighting.at_ns > track.seen.at_ns:
-                track.seen, track.is_new = sighting, True
+                track.before_ns, track.seen, track.is_new = track.seen.at_ns, sighting, True
         for observer in dict.fromkeys(sighting.observer for sighting in sightings):
             self._match(observer, now_ns)
         self._forget(now_ns)
@@ -216,13 +223,16 @@ class ScenePeople:
 
     def _begin(self, now_ns: int) -> None:
         """Begin people for tracks that fit nobody; those that come together from left to right, seen from yaw:0."""
-        waiting = [t for t in self._fresh(now_ns) if t.person is None and not t.fits]
-        due = [t for t in waiting if t.seen.at_ns - t.since_ns >= BEGIN_S * SECOND_NS]
+        due = [t for t in self._fresh(now_ns) if t.waits and t.before_ns - t.since_ns >= BEGIN_S * SECOND_NS]
         if not due:
             return
-        # All of one observer, so that of two who come together none is first by chance; others' may be the same people.
-        observer = due[0].seen.observer
-        together = [t for t in waiting if t.seen.observer == observer and t.seen.at_ns > t.since_ns]
+        # All of one picture, so that of two who come together none is first by chance; others' may be the same people.
+        observer, seen_ns = due[0].seen.observer, due[0].before_ns
+        together = [
+            t
+            for t in self._tracks.values()
+            if t.waits and t.seen.observer == observer and t.seen.at_ns >= max(seen_ns, t.since_ns + 1)
+        ]
         free = [person for person in self.ids if person not in self._people] or self._given_up(due, now_ns)
         for track, person in zip(sorted(together, key=lambda t: -t.seen.place.at[0]), free, strict=False):
             self._people[person] = Motion(track.seen.at, track.seen.covariance, track.seen.at_ns)

@@ -171,6 +171,16 @@ def test_a_camera_that_invents_people_keeps_nobody_out():
     assert room.who("liar", "ghost") is None
 
 
+def test_who_come_together_are_named_from_left_to_right_whoever_is_reported_first():
+    """A camera sends a message for each person, and its first pictures may be far apart: its pose model warms up."""
+    people, places = ScenePeople(("left", "right")), {"seen_first": -1.0, "seen_next": 1.0}
+    for at_s in (0.0, 1.5, 1.6, 1.7):
+        for track, x in places.items():
+            at_ns = round((1000 + at_s) * SECOND_NS)
+            people.update([SeenTrack("a", track, FloorPlace(at=(x, 0.0), covariance=ROUND), at_ns)], at_ns)
+    assert [people.person_of("a", track) for track in places] == ["right", "left"]
+
+
 def test_a_glimpse_begins_nobody():
     room = Room()
     room.stand({"A": (1, 0)}, 1)
