@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from observer.preview.sight import Picture, Sighting
-from observer.tracks import BODY_PARTS, Floats, SeenPeople, State
+from observer.tracks import BODY_PARTS, Floats, SeenPeople, State, Tracks
 
 SIZE = (1280, 720)
 """Width and height of every painted picture, px; a video needs a constant size."""
@@ -183,13 +183,18 @@ def main_rows(body_parts: Sequence[str]) -> list[int]:
 
 
 def draw_person(canvas: Picture, placement: Placement, sighting: Sighting, *, named: bool) -> None:
-    """Draw the skeleton, a mark for each part that is seen or guessed, and frames around several people.
+    """Draw each person's skeleton, a mark for each part that is seen or guessed, and frames around several people.
 
     named: with the names of the parts; otherwise with small marks, and letters beside the hands.
     """
     tracks, parts = sighting.tracks, sighting.body_parts
     if tracks.people is not None and tracks.people.others:
         _draw_people(canvas, placement, tracks.people)
+    for body in (*(Tracks(person.centres) for person in tracks.persons[1:]), tracks):
+        _draw_body(canvas, placement, body, parts, named)
+
+
+def _draw_body(canvas: Picture, placement: Placement, tracks: Tracks, parts: Sequence[str], named: bool) -> None:
     main, states = main_rows(parts), tracks.states
     centres = placement.px(tracks.centres)
     guesses = centres if tracks.guesses is None else placement.px(tracks.guesses)

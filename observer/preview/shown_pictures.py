@@ -93,7 +93,8 @@ class PicturedObserver(ObserverAround):
         if tracks is None:
             return posterior
         if frame.content.ndim != 3:
-            self._extent.widen(tracks.centres)
+            for centres in (tracks.centres, *(person.centres for person in tracks.persons)):
+                self._extent.widen(centres)
         due = [outlet for outlet in self._outlets if outlet.is_due(now_ns)]
         # The tracks at a picture that the observer skipped are those of an earlier one.
         skipped, self._before = posterior is None and tracks is self._before, tracks

@@ -26,7 +26,7 @@ from observer.preview.shown_pictures import PicturedObserver
 from observer.preview.sight import Sighting
 from observer.preview.small_picture import encode_jpeg, small_picture
 from observer.tracking.pose import WHOLE_BODY
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, Frame, PersonTracks, Tracks
 
 START_NS = 1_800_000_000 * SECOND_NS
 GENERATOR = np.random.default_rng(0)
@@ -184,6 +184,10 @@ def test_a_small_picture_shows_the_skeleton_and_leaves_the_frame_alone():
     small = small_picture(Sighting(frame, Tracks(rows), WHOLE_BODY, 0), 320)
     assert small.shape == (240, 320, 3) and small[150, 210].any() and not frame.any()
     assert not small[150:, :100].any()
+    other = PersonTracks(2, rows - [280.0, 0.0], 100.0, 300.0, 300.0)
+    two = Tracks(rows, persons=(PersonTracks(1, rows, 400.0, 300.0, 300.0), other))
+    both = small_picture(Sighting(frame, two, WHOLE_BODY, 0), 320)
+    assert both[150, 210].any() and both[150, 70].any(), "of several people each has a skeleton"
 
 
 class Outlet:
