@@ -34,6 +34,13 @@ FAINT = """() => {
 SMALL = """() => [...document.querySelectorAll('main button, main summary, header button, input:not([type=radio])')]
   .filter(node => node.offsetParent && node.getBoundingClientRect().height < 40)
   .map(node => node.textContent || node.id)"""
+# Parts of the page that lie over each other.
+COVERED = """() => {
+  const parts = [...document.querySelectorAll('main > *')].filter(node => node.offsetParent);
+  const boxes = parts.map(node => [node.id || node.className, node.getBoundingClientRect()]);
+  return boxes.flatMap(([one, a], n) => boxes.slice(n + 1).filter(([, b]) => a.top < b.bottom - 1
+    && b.top < a.bottom - 1 && a.left < b.right - 1 && b.left < a.right - 1).map(([other]) => `${one} ${other}`));
+}"""
 NO_SIDEWAYS_SCROLLING = "document.documentElement.scrollWidth <= innerWidth"
 
 

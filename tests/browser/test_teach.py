@@ -5,7 +5,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL, serious_findings
+from page_looks import COVERED, FAINT, NO_SIDEWAYS_SCROLLING, SMALL, serious_findings
 from processes import SOON_S, until
 from teach_stage import TaughtScene
 
@@ -95,6 +95,14 @@ def test_bad_input_is_one_line_on_the_page(phone):
     tap(page, "Begin the lesson")
     page.wait_for_selector("#fault:has-text('one movement alone cannot be told from another')")
     tap(page, "Leave out wave")
+
+
+def test_on_every_screen_each_part_has_a_place_of_its_own(phone):
+    page = phone()
+    page.wait_for_selector("#setup:visible")
+    for width in (WIDTH, 820, 900, 1280, 1920):
+        page.set_viewport_size({"width": width, "height": 900})
+        assert not (covered := page.evaluate(COVERED)), (width, covered)
 
 
 def choose(page, *labels, **settings):
