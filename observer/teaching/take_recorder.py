@@ -120,10 +120,13 @@ class TakeRecorder:
         take = self._takes.take(request.label, str(request.take))
         return None if take is None else shown_tracks(take.positions, parts, take.rate_hz)
 
-    def step(self, at_ns: int, tracks: Tracks) -> None:
-        """Take in one frame, which the recorder has."""
-        self._claps.update(at_ns, tracks)
+    def count_people(self, at_ns: int, tracks: Tracks) -> None:
+        """Count who is in the picture, also while nobody teaches."""
         self._people.update(at_ns, tracks)
+
+    def step(self, at_ns: int, tracks: Tracks) -> None:
+        """Take in one frame, which the recorder has, and whose people have been counted."""
+        self._claps.update(at_ns, tracks)
         tracks = Tracks(tracks.centres[self._rows])
         self._stream.update(at_ns, tracks)
         current = self.current

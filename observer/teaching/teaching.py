@@ -76,6 +76,7 @@ class Teaching:
     def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float) -> None:
         """Take in one frame, which the recorder has."""
         self._stepped_s, self._complaint, self._visible = now_s, complaint, bool(tracks.visible.any())
+        self._recording.count_people(at_ns, tracks)
         if not self.is_taught(now_s):
             # Nobody teaches, and stillness costs time.
             self._recording.abandon()

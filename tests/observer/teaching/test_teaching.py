@@ -184,8 +184,10 @@ def test_what_cannot_be_used_is_said_and_costs_only_that_take(room):
 
 
 def test_several_people_in_a_take_are_reported_when_they_stay(room):
-    room.ask("start", labels=["wave", "clap"])
     two = SeenPeople(Outline(0, 0, 10, 10), (Outline(20, 0, 30, 10),))
+    room.pass_s(0.5, people=two)
+    assert (room.ask("status").people, room.ask("status").side) == (2, "left"), "also before a lesson"
+    room.pass_s(0.5), room.ask("start", labels=["wave", "clap"])
     for take, seconds in ((1, 1.0), (2, 4.0)):
         assert room.ask("begin", label="wave", take=take).people is None
         room.pass_s(seconds, people=two), room.pass_s(1.5, moving=True), room.pass_s(1.5)
