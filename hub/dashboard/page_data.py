@@ -102,6 +102,7 @@ def state_data(history: "SceneHistory", names: Mapping[str, str] = MappingProxyT
         **_manner(None if state.waiting else judgement),
         "observers": [_observer(each, history, shown) for each in observers],
         **({"people": [_person(each) for each in state.people]} if state.people else {}),
+        **({"person": _text(judgement.person)} if judgement is not None and judgement.person else {}),
         **({"names": dict(names)} if names else {}),
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,

@@ -47,6 +47,7 @@ def test_each_person_has_the_name_that_a_user_gives_in_all_browsers(scene, look,
     other.get_by_label("Name of left").press("Enter")
     page.get_by_role("button", name="Bert", exact=True).wait_for()
     page.get_by_text("Bert: ok").first.wait_for()
+    page.get_by_role("heading", name="Judges: Bert").wait_for()
     page.screenshot(path=tmp_path / "names.png", full_page=True)
     other.screenshot(path=tmp_path / "names-wide.png", full_page=True)
     assert json.loads((tmp_path / f"{scene.name}.people.json").read_text()) == {"left": "Bert", "right": "Anna"}

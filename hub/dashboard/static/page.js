@@ -70,6 +70,7 @@ function requestShow() {
     showAdvice($("advice"), advice(setup, state));
     showLast(verdicts[0], state);
     showPeople(state.people ?? []);
+    document.querySelectorAll(".whose").forEach((node) => put(node, state.person ? `: ${nameOf(state.person)}` : ""));
     showCounter(verdicts, state, (text) => put($("announcement"), text));
     showJudges(setup, state);
     showCharts(setup, state, verdicts, minute);

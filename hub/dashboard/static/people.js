@@ -1,6 +1,6 @@
 // What each of several people does now, and the names that users give them.
-import { $, button, hide, make, part, put, rowsOf, store, stored } from "./elements.js";
-import { learnName, nameOf, words } from "./words.js";
+import { $, button, hide, make, part, put, rowsOf, stored } from "./elements.js";
+import { giveName, nameOf, words } from "./words.js";
 
 const NAME_LIMIT = 32;
 
@@ -8,19 +8,14 @@ export function showPeople(people) {
   hide($("people"), people.length === 0);
   rowsOf($("people"), people.length, () => make("li", "", make("span", "who"), make("span"))).forEach((row, n) => {
     const { person, words: line } = people[n];
-    showName(row.firstChild, person);
+    if (!row.querySelector("input")) showName(row.firstChild, person);
     put(row.lastChild, ` ${words(line.slice(person.length + 1).trim())}`);
   });
 }
 /* The service keeps the name for all browsers. Who may not teach gives it in this browser alone. */
-async function giveName(person, name) {
-  store(`name-${person}`, "");
-  learnName(person, name);  // shown at once
+async function send(person, name) {
   const key = stored("teach-key"), headers = { "content-type": "application/json", ...(key ? { authorization: `Bearer ${key}` } : {}) };
-  try {
-    if ((await fetch("people", { method: "POST", headers, body: JSON.stringify({ person, name }) })).ok) return;
-  } catch { /* not kept */ }
-  store(`name-${person}`, name);
+  try { return (await fetch("people", { method: "POST", headers, body: JSON.stringify({ person, name }) })).ok; } catch { return false; }
 }
 function showName(place, person) {
   part(place, [person, nameOf(person)], () => {
@@ -39,8 +34,9 @@ function askName(place, person) {
     if (done) return;
     done = true;
     const name = field.value.trim();
-    if (keep && name !== nameOf(person)) giveName(person, name === person ? "" : name);
+    if (keep && name !== nameOf(person)) giveName(person, name === person ? "" : name, () => send(person, name === person ? "" : name));
     delete place.dataset.built;
+    place.replaceChildren();
     showName(place, person);
     place.firstChild.focus();
   };

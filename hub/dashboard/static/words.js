@@ -1,5 +1,5 @@
 // What the page says about a scene. An observer is shown to people as a judge, and fusion as the referee.
-import { stored } from "./elements.js";
+import { store, stored } from "./elements.js";
 
 const SLOW_CLOCK_S = 0.5, NAMES_LIMIT = 6, ROUNDING_BITS = 0.001;
 
@@ -27,8 +27,14 @@ export function learnNames(given = {}) {
   names = given;
   return changed;
 }
-export const learnName = (person, name) => learnNames({ ...names, [person]: name });
-export const nameOf = (person) => stored(`name-${person}`) || names[person] || person;
+/* Names that are on their way to the service. */
+const sent = {};
+export async function giveName(person, name, send) {
+  sent[person] = name || person;
+  if (await send()) { store(`name-${person}`, ""); learnNames({ ...names, [person]: name }); } else store(`name-${person}`, name);
+  delete sent[person];
+}
+export const nameOf = (person) => sent[person] || stored(`name-${person}`) || names[person] || person;
 export const ofPerson = (verdict) => verdict.person ? `${nameOf(verdict.person)}: ` : "";
 export const labelWords = (verdict) => ofPerson(verdict) + (verdict.abstain ? "no agreement" : words(verdict.label));
 export const verdictWords = (verdict) => (verdict.revises === null ? "" : `${words(verdict.revises)} → `) + labelWords(verdict);
