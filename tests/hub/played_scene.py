@@ -53,6 +53,14 @@ def scene_of(name="room", observers=("cam1", "cam2"), movements=(), certainty=1.
     return Scene.model_validate({"scene": name, "observers": roster, "hub": hub, **sections})
 
 
+def fall_of(stage="fallen", number=1, at_ns=1_700_000_000 * SECOND_NS, **more):
+    """What a watch for falls publishes."""
+    fields = {"scene": "room", "fusion": "fuse1", "session": "s", "at_ns": at_ns, "since_ns": at_ns, "lying": 0.93}
+    return FallMessage(**{
+        **fields, "stage": stage, "id": f"fall-{number}", "agreement": Agreement(k=2, n=3), **more
+    })  # fmt: skip
+
+
 def environment(**more):
     """The process's own environment, with this repository before an installed one."""
     return {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1", **more}
@@ -148,11 +156,8 @@ class PlayedScene:
 
     def fall(self, stage, number=1):
         """The watch for falls says so."""
-        now_ns, agreement = time.time_ns(), Agreement(k=2, n=2)
-        message = FallMessage(
-            scene=self.name, fusion="fusion", session=self._session, at_ns=now_ns, since_ns=now_ns, stage=stage,
-            id=f"fall-{number}", lying=0.93, agreement=agreement,
-        )  # fmt: skip
+        own = {"scene": self.name, "fusion": "fusion", "session": self._session}
+        message = fall_of(stage, number, time.time_ns(), agreement=Agreement(k=2, n=2), **own)
         self._link._session.put(self.keys.fall, encode(message))
 
     def _judge(self):

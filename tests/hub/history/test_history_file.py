@@ -11,12 +11,11 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from played_scene import fall_of
 
 from benchmarks.history import WRITER
 from common import SECOND_NS
 from common.config_events import HistoryConfig
-from common.fall_messages import FallMessage
-from common.messages import Agreement
 from hub.database import DatabaseFault
 from hub.history.history_file import DAY_NS, HistoryFile, HistoryQuery
 from hub.history.keeper import HistoryKeeper
@@ -28,12 +27,6 @@ NOON = 1_700_000_000 * SECOND_NS
 def row(number=1, label="wave", at_ns=NOON, **more):
     fields = {"stage": "ended", "began_ns": at_ns - SECOND_NS, "ended_ns": at_ns, "p": 0.9, "k": 3, "n": 4, **more}
     return HistoryRow("verdict", f"v{number}", label, at_ns=at_ns, **fields)
-
-
-def fall(stage="fallen", at_ns=NOON, **more):
-    fields = {"scene": "room", "fusion": "fusion", "session": "s", "id": "fall-1", "since_ns": at_ns - SECOND_NS}
-    agreement = Agreement(k=2, n=2)
-    return FallMessage(**{**fields, "at_ns": at_ns, "stage": stage, "lying": 0.9, "agreement": agreement, **more})
 
 
 @pytest.fixture
@@ -75,13 +68,13 @@ def test_why_there_is_no_score_is_kept(path, make):
 
 def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
     with HistoryFile.to_write(path) as file:
-        assert row_of(fall("low")) is None and row_of(fall("up", id=None)) is None
-        file.add(row_of(fall()))
+        assert row_of(fall_of("low")) is None and row_of(fall_of("up", id=None)) is None
+        file.add(row_of(fall_of()))
         assert file.select(HistoryQuery(kind="fall"))[0].ended_ns is None
-        file.add(row_of(fall("up", NOON + 9 * SECOND_NS)))
+        file.add(row_of(fall_of("up", at_ns=NOON + 9 * SECOND_NS)))
         (kept,) = file.select(HistoryQuery(kind="fall"))
-        assert kept.ended_ns == NOON + 8 * SECOND_NS and kept.began_ns == NOON - SECOND_NS and kept.k == 2
-        file.add(row_of(fall("up", id="fall-2")))
+        assert kept.ended_ns == NOON + 9 * SECOND_NS and kept.began_ns == NOON and kept.k == 2
+        file.add(row_of(fall_of("up", id="fall-2")))
         assert file.rows == 1, "whoever lay for a moment has not fallen"
         assert "up again after 9.0 s" in row_line(kept)[1]
 

@@ -3,23 +3,13 @@
 import json
 
 import pytest
-from played_scene import scene_of
+from played_scene import fall_of, scene_of
 
-from common.fall_messages import FallMessage
-from common.messages import Agreement
 from hub.mqtt.bridge import SceneBridge
 from hub.mqtt.entities import Topics, discovery
 from hub.scene_state import SceneState
 
 TOPICS = Topics("room", "labanmesh/room/bridge")
-
-
-def fall(make, stage="fallen", at_s=0, **more):
-    at_ns = make.NOON + at_s * make.SECOND
-    return FallMessage(**{
-        "scene": "room", "fusion": "fuse1", "session": "s", "at_ns": at_ns, "since_ns": at_ns, "stage": stage,
-        "id": "fall-1", "lying": 0.934, "agreement": Agreement(k=2, n=3), **more,
-    })  # fmt: skip
 
 
 class Broker:
@@ -50,20 +40,22 @@ def test_entities_are_there_only_if_the_scene_watches():
 
 def test_the_alarm_goes_on_and_off_and_lying_for_a_moment_is_none(make):
     broker = Broker()
-    assert "fallen" not in broker.take(fall(make, "unknown", id=None, lying=None))
+    assert "fallen" not in broker.take(fall_of("unknown", id=None, lying=None))
     for stage, payload in (("up", "OFF"), ("low", "OFF"), ("fallen", "ON"), ("up", "OFF")):
-        topics = broker.take(fall(make, stage))
+        topics = broker.take(fall_of(stage))
         assert topics["fallen"] == payload, stage
-    state = json.loads(broker.take(fall(make, "fallen"))["fall"])
+    state = json.loads(broker.take(fall_of("fallen"))["fall"])
     assert (state["stage"], state["confidence"], state["agreement"]) == ("fallen", 93, "2 of 3")
-    assert broker.take(fall(make, "unknown", id=None))["fallen"] == "ON", "a new service knows nothing yet"
+    assert broker.take(fall_of("unknown", id=None))["fallen"] == "ON", "a new service knows nothing yet"
 
 
 @pytest.mark.parametrize("at_s", [-60, 60])
 def test_the_last_event_is_the_later_one(make, at_s):
     broker = Broker()
-    broker.take(make.judgement(), fall(make, at_s=at_s))
+    broker.take(make.judgement(), fall_of(at_ns=make.NOON + at_s * make.SECOND))
     broker.bridge.receive(make.verdict(label="ok"), 1.0)
     event = json.loads(broker.take()["last_event"])
     assert event["event"] == ("fallen" if at_s > 0 else "ok")
-    assert json.loads(broker.take(fall(make, "up", 90))["last_event"])["event"] == "up_again"
+    assert (
+        json.loads(broker.take(fall_of("up", at_ns=make.NOON + 90 * make.SECOND))["last_event"])["event"] == "up_again"
+    )

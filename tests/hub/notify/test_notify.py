@@ -9,6 +9,7 @@ import time
 import tracemalloc
 
 import pytest
+from played_scene import fall_of
 from processes import SOON_S, until, within
 from webhook_server import WebhookServer
 
@@ -16,24 +17,15 @@ from common import SECOND_NS
 from common.config import read_scene
 from common.config_events import NotifyConfig
 from common.errors import BadInput
-from common.fall_messages import FallMessage
-from common.messages import Agreement
 from hub.database import DatabaseFault
 from hub.notify.notification import notification_of, request_of, signed, text_of
 from hub.notify.notification_queue import NotificationQueue
 from hub.notify.notifying import Notifying
-from hub.notify.sender import Pauses, Receiver
+from hub.notify.sender import Pauses
 from labanmesh import main
 
 NOON = 1_700_000_000 * SECOND_NS
 QUICK = Pauses(0.01, 0.05)
-
-
-def fall(stage="fallen", number=1):
-    return FallMessage(
-        scene="room", fusion="fusion", session="s", at_ns=NOON, since_ns=NOON, stage=stage, id=f"fall-{number}",
-        lying=0.93, agreement=Agreement(k=2, n=3),
-    )  # fmt: skip
 
 
 def config(**more):
@@ -93,10 +85,11 @@ def test_a_notification_says_what_when_how_sure_and_a_link(make):
     assert fields["what"] == "nthrow" and fields["sure"] == "60% sure, 1 of 2 agree" and fields["p"] == 0.6
     assert fields["link"] == "http://house:8420/" and fields["when"].startswith("2023-11-14T22:13:19")
     assert fields["text"].startswith("nthrow at ")
-    alarm = notification_of(fall(), config())
+    alarm = notification_of(fall_of(), config())
     assert alarm.is_urgent and alarm.sure == "93% sure, 2 of 3 see the person lie"
-    assert notification_of(fall("up"), config()).what == "up again"
-    assert notification_of(fall("low"), config()) is None and notification_of(fall(), config(falls=False)) is None
+    up = notification_of(fall_of("up"), config())
+    assert up.what == "up again" and "," not in text_of(up, config())
+    assert notification_of(fall_of("low"), config()) is None and notification_of(fall_of(), config(falls=False)) is None
     assert notification_of(make.verdict(label="abstain"), config()) is None
     assert notification_of(make.verdict(label="wave"), config(labels=("clap",))) is None
 
@@ -108,14 +101,14 @@ def test_a_notification_says_what_when_how_sure_and_a_link(make):
 )  # fmt: skip
 def test_presets_have_the_form_of_their_receivers(preset, field, text):
     chosen = config(preset=preset)
-    request = request_of(notification_of(fall(), chosen), chosen, "app-token")
+    request = request_of(notification_of(fall_of(), chosen), chosen, "app-token")
     assert text in json.loads(request.body)[field] and request.headers["Content-Type"] == "application/json"
     assert ("X-Gotify-Key" in request.headers) == (preset == "gotify")
 
 
 def test_ntfy_gets_text_and_headers():
     chosen = config(preset="ntfy", template="{what}! {sure} {link}")
-    request = request_of(notification_of(fall(), chosen), chosen, "tk_secret")
+    request = request_of(notification_of(fall_of(), chosen), chosen, "tk_secret")
     assert request.body.decode() == "somebody has fallen! 93% sure, 2 of 3 see the person lie http://house:8420/"
     assert request.headers["Priority"] == "5" and request.headers["Click"] == "http://house:8420/"
     assert request.headers["Authorization"] == "Bearer tk_secret" and request.headers["Title"].startswith("room: ")
@@ -214,14 +207,20 @@ def test_a_label_cools_down_and_both_words_on_a_movement_are_one(make, tmp_path)
             verdict = make.verdict(second, label="wave", began_ns=NOON + second * SECOND_NS)
             told.notifying.take(verdict, answered=False)
             told.notifying.take(verdict.model_copy(update={"ended_ns": NOON, "stage": "ended"}), answered=False)
-        told.notifying.take(fall(), answered=False)
+        told.notifying.take(fall_of(), answered=False)
         until(lambda: len(server.accepted) == 4)
         assert server.texts == ["wave", "wave", "wave", "somebody has fallen"]
 
 
 def test_up_again_is_told_only_after_the_alarm(make, tmp_path):
     with WebhookServer() as server, Told(tmp_path, server.url) as told:
-        for message in (fall("up", 1), fall("fallen", 2), fall("fallen", 2), fall("up", 2), fall("up", 2)):
+        for message in (
+            fall_of("up", 1),
+            fall_of("fallen", 2),
+            fall_of("fallen", 2),
+            fall_of("up", 2),
+            fall_of("up", 2),
+        ):
             told.notifying.take(message, answered=False)
         told.tell(make, 1)
         until(lambda: len(server.accepted) == 3)
@@ -361,12 +360,14 @@ def test_an_answer_from_long_ago_is_not_told(make, tmp_path):
 
 def test_the_command_sends_a_test_and_says_what_is_wrong(tmp_path, capsys):
     (tmp_path / "token").write_text("tk_1\n")
+    (tmp_path / "secret").write_text("key\n")
     with WebhookServer() as server:
-        scene_with(tmp_path, server.url, 'token_file = "token"\n')
+        scene_with(tmp_path, server.url, 'token_file = "token"\nsecret_file = "secret"\n')
         path = str(tmp_path / "s.toml")
         assert main(["notify", path, "--test"]) == 0
         assert capsys.readouterr().out == "phone: accepted\n" and server.texts == ["a test of labanmesh"]
-        assert server.requests[0][1]["Authorization"] == "Bearer tk_1"
+        headers = server.requests[0][1]
+        assert headers["Authorization"] == "Bearer tk_1" and headers["X-Labanmesh-Signature"].startswith("sha256=")
         server.answer = lambda number, handler: 403
         assert main(["notify", path, "--test"]) == 1
         assert capsys.readouterr().out == "phone: answers 403 Forbidden: text\n"
@@ -375,14 +376,3 @@ def test_the_command_sends_a_test_and_says_what_is_wrong(tmp_path, capsys):
         assert main(["notify", path, "other"]) == 2 and "known: phone" in capsys.readouterr().err
         (tmp_path / "token").unlink()
         assert main(["notify", path, "--test"]) == 2 and "notify.phone.token_file" in capsys.readouterr().err
-
-
-def test_text_without_certainty_has_no_comma_at_its_end():
-    assert text_of(notification_of(fall("up"), config()), config()).count(",") == 0
-
-
-def test_a_receiver_sends_a_signed_request(make):
-    with WebhookServer() as server:
-        receiver = Receiver("phone", config(), server.url, secret="key")  # noqa: S106 - of the test
-        assert not receiver.send(request_of(notification_of(make.verdict(), config()), config())).fault
-        assert server.requests[0][1]["X-Labanmesh-Signature"].startswith("sha256=")
