@@ -81,88 +81,60 @@ def may(control, common_name, flow, message, key):
     return permissions == {"allow"}
 
 
-@given(MACHINES)
-def test_each_machine_publishes_its_own_and_nothing_else(machines):
-    control = access_rules(BOTH, register_of(machines))
-    for name, each in machines.items():
-        for where in BOTH:
-            keys, held = where.keys, [] if each.revoked else [each.roles]
-            observers = {observer for roles in held for observer in roles.observers_in(where.scene)}
-            fusions = {fusion for roles in held for fusion in roles.fusions_in(where.scene)}
-            for observer in OBSERVERS:
-                for key in (keys.posterior(observer), keys.observer_status(observer)):
-                    assert may(control, f"{name}.1", "ingress", "put", key) == (observer in observers)
-                alive = may(control, f"{name}.1", "ingress", "liveliness_token", keys.observer_alive(observer))
-                assert alive == (observer in observers)
-            for fusion in FUSIONS:
-                for message, key in (
-                    ("put", keys.fusion_status(fusion)),
-                    ("liveliness_token", keys.fusion_alive(fusion)),
-                    ("declare_queryable", keys.fusion_handover(fusion)),
-                    ("reply", keys.fusion_handover(fusion)),
-                ):
-                    assert may(control, f"{name}.1", "ingress", message, key) == (fusion in fusions)
-            hub = each.roles.is_hub_in(where.scene) and not each.revoked
-            assert may(control, f"{name}.1", "ingress", "liveliness_token", keys.hub_alive("mqtt")) == hub
-            for key in (keys.judgement, keys.verdict, keys.vocabulary):
-                assert may(control, f"{name}.1", "ingress", "put", key) == bool(fusions)
-            assert not may(control, f"{name}.1", "ingress", "put", f"{keys.root}/**")
-        assert not may(control, f"{name}.1", "ingress", "put", "laban/elsewhere/judgement")
+SEEN = ObserverConfig(source="0", picture_hz=2.0)
+WITH_PICTURES = [each.model_copy(update={"observers": {**each.observers, "cam1": SEEN}}) for each in BOTH]
+"""Both scenes, in which cam1 has its pictures switched on."""
+
+
+def rights(where, machine):
+    """What a machine may do in a scene, and what not: flow, message, key, whether."""
+    keys, roles = where.keys, Roles() if machine.revoked else machine.roles
+    observers, fusions, hub = (each(where.scene) for each in (roles.observers_in, roles.fusions_in, roles.is_hub_in))
+    reads, everything = bool(fusions) or hub, f"{keys.root}/**"
+    for observer in OBSERVERS:
+        own, taught = observer in observers, keys.teach(observer)
+        for key in (keys.posterior(observer), keys.observer_status(observer)):
+            yield "ingress", "put", key, own
+        yield "ingress", "liveliness_token", keys.observer_alive(observer), own
+        for flow, message in (("ingress", "declare_queryable"), ("ingress", "reply"), ("egress", "query")):
+            yield flow, message, taught, own
+        for flow, message in (("ingress", "query"), ("egress", "reply")):
+            yield flow, message, taught, roles.teach and hub
+        yield "ingress", "put", taught, False
+    for fusion in FUSIONS:
+        yield "ingress", "put", keys.fusion_status(fusion), fusion in fusions
+        yield "ingress", "liveliness_token", keys.fusion_alive(fusion), fusion in fusions
+        for message in ("declare_queryable", "reply"):
+            yield "ingress", message, keys.fusion_handover(fusion), fusion in fusions
+    yield "ingress", "liveliness_token", keys.hub_alive("mqtt"), hub
+    for key in (keys.judgement, keys.verdict, keys.vocabulary):
+        yield "ingress", "put", key, bool(fusions)
+    for asked in (keys.fusion_handover("north"), keys.fusion_handover()):
+        yield "ingress", "query", asked, bool(fusions)
+    for message in ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"):
+        yield "ingress", message, everything, reads
+    for watched in (keys.fusion_alive(), keys.observer_alive()):
+        yield "ingress", "declare_liveliness_subscriber", watched, reads
+    for message, key in (("put", keys.posterior("cam1")), ("liveliness_token", keys.fusion_alive("north"))):
+        yield "egress", message, key, reads
+    for key in (keys.picture(), keys.picture("cam1")):
+        for flow, message in (("ingress", "declare_subscriber"), ("egress", "put")):
+            yield flow, message, key, roles.pictures and hub
+        yield "ingress", "query", key, False
+    for flow, message in (("ingress", "put"), ("egress", "declare_subscriber")):
+        yield flow, message, keys.picture("cam1"), "cam1" in observers
+    for key in (keys.picture("cam2"), everything, "laban/elsewhere/judgement"):
+        yield "ingress", "put", key, False
 
 
 @given(MACHINES)
-def test_fusion_services_and_hubs_read_their_scenes_and_only_fusion_asks_for_a_handover(machines):
-    control = access_rules(BOTH, register_of(machines))
+def test_each_machine_may_do_what_its_roles_say_in_its_scenes_and_nothing_else(machines):
+    control = access_rules(WITH_PICTURES, register_of(machines))
     for name, each in machines.items():
-        for where in BOTH:
-            keys = where.keys
-            fuses = bool(each.roles.fusions_in(where.scene)) and not each.revoked
-            reads = fuses or (each.roles.is_hub_in(where.scene) and not each.revoked)
-            for asked in (keys.fusion_handover("north"), keys.fusion_handover()):
-                assert may(control, f"{name}.1", "ingress", "query", asked) == fuses
-            for message in ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"):
-                assert may(control, f"{name}.1", "ingress", message, f"{keys.root}/**") == reads
-            for watched in (keys.fusion_alive(), keys.observer_alive()):
-                assert may(control, f"{name}.1", "ingress", "declare_liveliness_subscriber", watched) == reads
-            for message, key in (("put", keys.posterior("cam1")), ("liveliness_token", keys.fusion_alive("north"))):
-                assert may(control, f"{name}.1", "egress", message, key) == reads
-            assert not may(control, f"{name}.2", "ingress", "query", f"{keys.root}/**")
-
-
-@given(MACHINES)
-def test_pictures_are_for_hubs_with_the_right_to_them_and_only_where_they_are_switched_on(machines):
-    seen = ObserverConfig(source="0", picture_hz=2.0)
-    on = [scene.model_copy(update={"observers": {**scene.observers, "cam1": seen}}) for scene in BOTH]
-    control = access_rules(on, register_of(machines))
-    for name, each in machines.items():
-        for where in on:
-            keys, roles = where.keys, each.roles
-            gets = roles.pictures and roles.is_hub_in(where.scene) and not each.revoked
-            for key in (keys.picture(), keys.picture("cam1")):
-                assert may(control, f"{name}.1", "ingress", "declare_subscriber", key) == gets
-                assert may(control, f"{name}.1", "egress", "put", key) == gets
-                assert not may(control, f"{name}.1", "ingress", "query", key)
-            shares = "cam1" in roles.observers_in(where.scene) and not each.revoked
-            assert may(control, f"{name}.1", "ingress", "put", keys.picture("cam1")) == shares
-            assert may(control, f"{name}.1", "egress", "declare_subscriber", keys.picture("cam1")) == shares
-            assert not may(control, f"{name}.1", "ingress", "put", keys.picture("cam2")), "not switched on"
-
-
-@given(MACHINES)
-def test_only_hubs_with_the_right_to_it_teach_and_observers_answer_for_themselves(machines):
-    control = access_rules(BOTH, register_of(machines))
-    for name, each in machines.items():
-        for where in BOTH:
-            keys, roles = where.keys, each.roles
-            teaches = roles.teach and roles.is_hub_in(where.scene) and not each.revoked
-            for observer in OBSERVERS:
-                is_taught = observer in roles.observers_in(where.scene) and not each.revoked
-                key = keys.teach(observer)
-                assert may(control, f"{name}.1", "ingress", "query", key) == teaches
-                assert may(control, f"{name}.1", "egress", "reply", key) == teaches
-                for flow, message in (("ingress", "declare_queryable"), ("ingress", "reply"), ("egress", "query")):
-                    assert may(control, f"{name}.1", flow, message, key) == is_taught
-                assert not may(control, f"{name}.1", "ingress", "put", key)
+        for where in WITH_PICTURES:
+            for flow, message, key, may_it in rights(where, each):
+                assert may(control, f"{name}.1", flow, message, key) == may_it, (name, flow, message, key)
+            assert not may(control, f"{name}.2", "ingress", "query", f"{where.keys.root}/**")
 
 
 @given(MACHINES, st.sampled_from([BOTH, BOTH[:1]]))
