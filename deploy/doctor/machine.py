@@ -89,25 +89,16 @@ class MachineNeeds:
     other_clocks: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class Requirement:
-    """One distribution that labanmesh requires, within `bounds` ("<2,>=1.6"); extra: "" for the plain install."""
-
-    name: str
-    bounds: str
-    extra: str = ""
-
-
 def machine_facts(folder: Path) -> MachineFacts:
     """This machine's facts; the free disk space is that of `folder`'s disk."""
     lines = requires("labanmesh") if installed_version("labanmesh") else None
     required = list(requirements(lines or (), f"{sys.version_info.major}.{sys.version_info.minor}"))
-    bounds = {each.name: each.bounds for each in required}
+    bounds = {name: within for name, within, _ in required}
     return MachineFacts(
         system=f"{platform.system()} {platform.machine()}",
         python=platform.python_version(),
         labanmesh=installed_version("labanmesh") or "(not installed)",
-        packages=tuple(_package(each.name, each.bounds) for each in required if not each.extra),
+        packages=tuple(_package(name, within) for name, within, extra in required if not extra),
         opencv=_package("OpenCV", bounds.get(OPENCV[0], ""), OPENCV),
         mediapipe=_package("mediapipe", bounds.get("mediapipe", "")),
         face_cascade=_has_cascade(),
@@ -145,8 +136,11 @@ def clock_state() -> ClockState:
     return states.get(done.stdout.strip(), "unknown")
 
 
-def requirements(lines: Iterable[str], python: str) -> Iterator[Requirement]:
-    """The requirements in a distribution's metadata for this `python` ("3.11"), labanmesh itself left out."""
+def requirements(lines: Iterable[str], python: str) -> Iterator[tuple[str, str, str]]:
+    """The requirements in a distribution's metadata for this `python` ("3.11"), labanmesh itself left out.
+
+    Of each its name, its bounds ("<2,>=1.6"), and its extra, "" for the plain install.
+    """
     for line in lines:
         match = REQUIREMENT.match(line.strip())
         if match is None or match["name"] == "labanmesh":
@@ -154,7 +148,7 @@ def requirements(lines: Iterable[str], python: str) -> Iterator[Requirement]:
         marker = match["marker"] or ""
         extra = EXTRA.search(marker)
         if all(_holds(python, *bound) for bound in PYTHON.findall(marker)):
-            yield Requirement(match["name"], match["bounds"], extra[1] if extra else "")
+            yield match["name"], match["bounds"], extra[1] if extra else ""
 
 
 def fits(installed: str, bounds: str) -> bool:
