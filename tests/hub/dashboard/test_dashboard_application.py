@@ -1,11 +1,11 @@
 """The dashboard's web server: who may read, its headers, and a real mesh over real HTTP."""
 
-import asyncio
 import json
 import re
 
 import httpx
 import pytest
+from asgi_answers import answers_of
 from played_scene import Dashboard
 from processes import SOON_S
 
@@ -60,14 +60,8 @@ async def one_event(head):
 
 def ask(*requests, access=None, full=False, host="127.0.0.1"):
     """The answers to (method, path, more) of one application."""
-
-    async def main():
-        app = application(access or AccessControl(None), one_event, lambda: full)
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
-            return [await client.request(method, path, **more) for method, path, more in requests]
-
-    return asyncio.run(main())
+    app = application(access or AccessControl(None), one_event, lambda: full)
+    return answers_of(app, *requests, host=host)
 
 
 def test_the_page_loads_nothing_from_elsewhere():

@@ -1,9 +1,7 @@
 """Live pictures at the dashboard: asked for only while a browser watches, never stored, and why there is none."""
 
-import asyncio
-
-import httpx
 import pytest
+from asgi_answers import answers_of
 from processes import SOON_S, until
 
 from common.config import MeshConfig
@@ -62,14 +60,8 @@ def test_nothing_is_asked_for_that_is_switched_off_or_not_allowed(link):
 
 def ask(newest, *paths, access=None, **more):
     """The answers of one application to GET requests."""
-
-    async def main():
-        app = application(access or AccessControl(None), None, lambda: False, newest)
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-            return [await client.get(path, **more) for path in paths]
-
-    return asyncio.run(main())
+    app = application(access or AccessControl(None), None, lambda: False, newest)
+    return answers_of(app, *(("GET", path, more) for path in paths))
 
 
 def test_the_newest_picture_is_a_jpeg_that_no_browser_stores():

@@ -6,8 +6,8 @@ import errno
 import threading
 from types import SimpleNamespace
 
-import httpx
 import pytest
+from asgi_answers import answers_of
 from processes import SOON_S
 
 from common.address import Address
@@ -138,12 +138,8 @@ def test_addresses_of_one_household_count_as_one(one, other, same):
 
 
 def ask(access, address, *requests):
-    async def main():
-        transport = httpx.ASGITransport(application(access, lambda head: None, lambda: False), client=(address, 1))
-        async with httpx.AsyncClient(transport=transport, base_url="http://dojo.local") as client:
-            return [await client.request(method, path, **more) for method, path, more in requests]
-
-    return asyncio.run(main())
+    app = application(access, lambda head: None, lambda: False)
+    return answers_of(app, *requests, host="dojo.local", client=address)
 
 
 def test_who_guesses_at_the_token_is_answered_429_and_the_household_goes_on(monkeypatch):

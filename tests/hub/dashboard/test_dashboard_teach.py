@@ -5,6 +5,7 @@ import re
 
 import httpx
 import pytest
+from asgi_answers import answers_of
 from fake_lesson_server import FakeLessonServer
 from processes import SOON_S
 
@@ -36,14 +37,8 @@ def lesson_server(scene):
 def ask(lesson_server, *requests, access=None, off=TEACHING_IS_OFF, host="dojo.local"):
     """The answers to (method, path, more) of one application."""
     access = access or AccessControl(TOKEN, TOKEN)
-
-    async def main():
-        page = TeachPage(access, lesson_server, off, lesson_server.scene if lesson_server else None)
-        transport = httpx.ASGITransport(application(access, None, lambda: False, None, page))
-        async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
-            return [await client.request(method, path, **more) for method, path, more in requests]
-
-    return asyncio.run(main())
+    page = TeachPage(access, lesson_server, off, lesson_server.scene if lesson_server else None)
+    return answers_of(application(access, None, lambda: False, None, page), *requests, host=host)
 
 
 def post(path, fields, **headers):
@@ -158,13 +153,8 @@ def test_a_certificate_without_the_right_does_not_teach(scene, monkeypatch, teac
     monkeypatch.setattr("hub.dashboard.serving.has_right", lambda scene, what: right and what == "teach")
     access = AccessControl(TOKEN, TOKEN if teaches else None)
     with _teach_page(access, scene, None) as (page, _):
-        transport = httpx.ASGITransport(application(access, None, lambda: False, None, page))
-
-        async def text():
-            async with httpx.AsyncClient(transport=transport, base_url="http://dojo.local") as client:
-                return (await client.get("/teach")).text
-
-        assert line in asyncio.run(text())
+        (answer,) = answers_of(application(access, None, lambda: False, None, page), PAGE, host="dojo.local")
+        assert line in answer.text
 
 
 def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):

@@ -1,9 +1,7 @@
 """The day page and the history as JSON: token, filters, faults in one line; corrections and forgetting."""
 
-import asyncio
-
-import httpx
 import pytest
+from asgi_answers import answers_of
 
 from common import SECOND_NS
 from common.clip_name import clip_name
@@ -38,16 +36,11 @@ def scene(tmp_path):
 
 
 def got(scene, path, token=None, allowed=True, given=None, teaches=True, shows_clips=True):
-    async def ask():
-        app = application(
-            AccessControl(token), None, lambda: False, more=history_routes(scene, teaches, allowed, shows_clips)
-        )
-        headers = {"authorization": f"Bearer {given}"} if given else {}
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
-            return await client.get(path, headers=headers)
-
-    return asyncio.run(ask())
+    app = application(
+        AccessControl(token), None, lambda: False, more=history_routes(scene, teaches, allowed, shows_clips)
+    )
+    headers = {"authorization": f"Bearer {given}"} if given else {}
+    return answers_of(app, ("GET", path, {"headers": headers}))[0]
 
 
 def test_programs_get_the_rows_with_filters(scene):

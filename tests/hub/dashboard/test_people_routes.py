@@ -1,10 +1,9 @@
 """The names of people on the page: who may give them, and where they stay."""
 
-import asyncio
 import json
 
-import httpx
 import pytest
+from asgi_answers import answers_of
 
 from common.config import read_scene
 from common.errors import BadInput
@@ -25,16 +24,11 @@ def scene(tmp_path):
 
 def give(names, person, name, access=None, **headers):
     """The status and the text of the answer to a name that a page gives."""
-
-    async def main():
-        access_ = access or AccessControl(None)
-        app = application(access_, None, lambda: False, more=people_routes(names, access_))
-        transport = httpx.ASGITransport(app, client=("192.168.1.9", 1234))
-        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
-            answer = await client.post("/people", json={"person": person, "name": name}, headers=headers)
-        return answer.status_code, answer.text
-
-    return asyncio.run(main())
+    access = access or AccessControl(None)
+    app = application(access, None, lambda: False, more=people_routes(names, access))
+    request = ("POST", "/people", {"json": {"person": person, "name": name}, "headers": headers})
+    (answer,) = answers_of(app, request, host="localhost", client="192.168.1.9")
+    return answer.status_code, answer.text
 
 
 def test_a_name_is_kept_beside_the_scene_file_until_it_is_empty(scene, tmp_path):

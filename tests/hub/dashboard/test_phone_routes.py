@@ -6,8 +6,8 @@ import threading
 from contextlib import contextmanager
 from functools import partial
 
-import httpx
 import pytest
+from asgi_answers import answers_of
 from processes import SOON_S
 
 pytest.importorskip("websockets")
@@ -56,13 +56,9 @@ def codes_of(scene, live=()):
 
 
 def ask(scene, access=None, host="127.0.0.1", **more):
-    async def main():
-        access_ = access or AccessControl(None)
-        app = application(access_, None, lambda: False, more=phone_routes(scene, access_))
-        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url=f"http://{host}") as client:
-            return await client.get("/phones", **more)
-
-    return asyncio.run(main())
+    access = access or AccessControl(None)
+    app = application(access, None, lambda: False, more=phone_routes(scene, access))
+    return answers_of(app, ("GET", "/phones", more), host=host)[0]
 
 
 def test_the_code_is_shown_until_a_phone_has_used_it(scene):
