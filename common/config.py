@@ -84,7 +84,7 @@ class Scene(Section):
         if self.fusion.quorum > len(self.observers):
             raise BadInput(
                 f"fusion.quorum = {self.fusion.quorum}: the scene has {plural(len(self.observers), 'observer')}, and "
-                f"no more can agree; choose 1 to {len(self.observers)}"
+                f"no more can agree; choose {f'1 to {len(self.observers)}' if len(self.observers) > 1 else 1}"
             )
         return self
 

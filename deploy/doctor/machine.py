@@ -80,13 +80,16 @@ class MachineFacts:
 
 @dataclass(frozen=True, slots=True)
 class MachineNeeds:
-    """Which observers, by id, need OpenCV, its face cascade, mediapipe, the model that it may bring; other machines."""
+    """Which observers, by id, need OpenCV, its face cascade, mediapipe, the model that it may bring.
+
+    other_clocks: whether the scene is on several machines; None where no scene is known.
+    """
 
     opencv: tuple[str, ...] = ()
     cascade: tuple[str, ...] = ()
     mediapipe: tuple[str, ...] = ()
     carried_model: tuple[str, ...] = ()
-    other_clocks: bool = True
+    other_clocks: bool | None = None
 
 
 def machine_facts(folder: Path) -> MachineFacts:
@@ -267,16 +270,17 @@ def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator
         yield Finding(THIS_MACHINE, lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
 
 
-def _clock(clock: ClockState, other_clocks: bool) -> Finding:
+def _clock(clock: ClockState, other_clocks: bool | None) -> Finding:
     if clock == "synchronised":
-        return ok(THIS_MACHINE, "the clock is synchronised")
-    if not other_clocks:
-        return ok(THIS_MACHINE, "the clock may be wrong: in this scene all processes share it")
+        return ok(GROUP, "the clock is synchronised")
+    if other_clocks is False:
+        return ok(GROUP, "the clock may be wrong: in this scene all processes share it")
+    mark: Mark = "warning" if other_clocks else "hint"
     if clock == "unknown":
         what = "cannot tell whether the clock is synchronised"
-        return warning(THIS_MACHINE, what, "check that NTP runs (chronyc tracking, timedatectl)")
+        return Finding(GROUP, mark, what, "check that NTP runs (chronyc tracking, timedatectl)")
     what = "the clock is not synchronised: on several machines posteriors would seem younger or older than they are"
-    return warning(THIS_MACHINE, what, "timedatectl set-ntp true, or install chrony")
+    return Finding(GROUP, mark, what, "timedatectl set-ntp true, or install chrony")
 
 
 def _free_space(facts: MachineFacts) -> Iterator[Finding]:

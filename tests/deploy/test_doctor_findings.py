@@ -35,7 +35,7 @@ GOOD = MachineFacts(
     folder=".",
 )
 NOTHING, PICTURES, FACE = MachineNeeds(), MachineNeeds(("a",)), MachineNeeds(("a",), ("a",))
-ALONE = MachineNeeds(other_clocks=False)
+ALONE, SPREAD = MachineNeeds(other_clocks=False), MachineNeeds(other_clocks=True)
 POSE = MachineNeeds(("a",), (), ("a",), ("a",))
 
 
@@ -60,9 +60,10 @@ def mark_of(findings, words):
         ({"mediapipe": Package("mediapipe", "")}, POSE, "error", ["mediapipe is not", "labanmesh[mediapipe]"]),
         ({"mediapipe": Package("mediapipe", "1.2")}, POSE, "error", ["no pose model", "pose_model"]),
         ({"mediapipe": Package("mediapipe", "9", "<2", fits=False)}, POSE, "warning", ["tested with <2"]),
-        ({"clock": "free"}, FACE, "warning", ["clock is not synchronised", "timedatectl set-ntp true"]),
+        ({"clock": "free"}, NOTHING, "hint", ["clock is not synchronised", "on several machines"]),
+        ({"clock": "free"}, SPREAD, "warning", ["clock is not synchronised", "timedatectl set-ntp true"]),
         ({"clock": "free"}, ALONE, "ok", ["clock may be wrong"]),
-        ({"clock": "unknown"}, FACE, "warning", ["cannot tell", "chronyc"]),
+        ({"clock": "unknown"}, SPREAD, "warning", ["cannot tell", "chronyc"]),
         ({"free_disk": 1 << 20}, FACE, "warning", ["1 MiB free on the disk", "make room"]),
         ({"free_memory": 1 << 20}, FACE, "warning", ["1 MiB free in memory", "fewer observers"]),
     ],
