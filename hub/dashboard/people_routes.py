@@ -1,6 +1,5 @@
 """The names of people on the page: for everybody who looks, given by whoever may teach (access.py, rule 7)."""
 
-import asyncio
 from typing import TYPE_CHECKING
 
 from starlette.concurrency import run_in_threadpool
@@ -9,8 +8,8 @@ from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from common.errors import BadInput, LabanmeshError
-from hub.dashboard.access import WRONG_TOKEN_S, AccessControl, address_of
-from hub.dashboard.teach_routes import is_foreign, json_of
+from hub.dashboard.access import AccessControl
+from hub.dashboard.teach_routes import change_refusal, json_of
 
 if TYPE_CHECKING:
     from hub.people_names_file import PeopleNames
@@ -20,13 +19,8 @@ def people_routes(names: "PeopleNames", access: AccessControl) -> list[Route]:
     """POST /people with `person` and `name`."""
 
     async def rename(request: Request) -> Response:
-        authorization = request.headers.get("authorization", "")
-        if is_foreign(request):
-            return PlainTextResponse("This request comes from another page.\n", 403)
-        if not access.may_change(authorization):
-            access.record_wrong(address_of(request), authorization)
-            await asyncio.sleep(WRONG_TOKEN_S if authorization else 0.0)
-            return PlainTextResponse("The token of the Teach page is missing or wrong.\n", 403)
+        if (refused := await change_refusal(request, access)) is not None:
+            return refused
         try:
             fields = await json_of(request)
             await run_in_threadpool(names.rename, fields.get("person"), fields.get("name"))

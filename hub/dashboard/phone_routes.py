@@ -7,7 +7,6 @@
 3. Without a token only this machine reaches the page, and everybody there can read the codes already.
 """
 
-import asyncio
 import http.client
 from typing import TYPE_CHECKING
 
@@ -18,8 +17,8 @@ from starlette.routing import Route
 
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import PHONE
-from hub.dashboard.access import NO_STORE, WRONG_TOKEN_S, AccessControl, address_of
-from hub.dashboard.teach_routes import is_foreign
+from hub.dashboard.access import NO_STORE, AccessControl
+from hub.dashboard.teach_routes import change_refusal
 from hub.phone.register_file import RegisterFile, register_path
 from hub.phone.shown_phone import CODES_PATH, ShownPhone, read_shown_phones
 
@@ -41,13 +40,8 @@ def phone_routes(scene: "Scene", access: AccessControl) -> list[Route]:
 
     async def phones(request: Request) -> Response:
         headers = {"cache-control": NO_STORE}
-        authorization = request.headers.get("authorization", "")
-        if is_foreign(request):
-            return PlainTextResponse("This request comes from another page.\n", 403, headers)
-        if not access.may_change(authorization):
-            access.record_wrong(address_of(request), authorization)
-            await asyncio.sleep(WRONG_TOKEN_S if authorization else 0.0)
-            return PlainTextResponse("The token of the Teach page is missing or wrong.\n", 403, headers)
+        if (refused := await change_refusal(request, access)) is not None:
+            return refused
         try:
             shown = await run_in_threadpool(ask_for_phones, file)
         except LabanmeshError as error:

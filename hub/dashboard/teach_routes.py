@@ -211,6 +211,18 @@ def is_foreign(request: Request) -> bool:
     return origin is not None and urlsplit(origin).netloc != request.headers.get("host", "")
 
 
+async def change_refusal(request: Request, access: AccessControl) -> Response | None:
+    """The answer to a request for what only teachers may see and change, if it is refused."""
+    authorization, headers = request.headers.get("authorization", ""), {"cache-control": NO_STORE}
+    if is_foreign(request):
+        return PlainTextResponse("This request comes from another page.\n", 403, headers)
+    if access.may_change(authorization):
+        return None
+    access.record_wrong(address_of(request), authorization)
+    await asyncio.sleep(WRONG_TOKEN_S if authorization else 0.0)
+    return PlainTextResponse("The token of the Teach page is missing or wrong.\n", 403, headers)
+
+
 async def json_of(request: Request) -> dict[str, Any]:
     """The JSON object of a request; raises BadInput for a longer one and for anything else."""
     body = await body_of(request, BODY_LIMIT)

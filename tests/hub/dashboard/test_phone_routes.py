@@ -94,7 +94,7 @@ def test_where_the_page_has_a_token_only_who_may_teach_sees_a_code(scene):
 
 
 def test_wrong_words_beside_a_good_cookie_are_counted(scene, monkeypatch):
-    monkeypatch.setattr("hub.dashboard.phone_routes.WRONG_TOKEN_S", 0.0)
+    monkeypatch.setattr("hub.dashboard.teach_routes.WRONG_TOKEN_S", 0.0)
     access = AccessControl(TOKEN, TOKEN)
     cookie = {"cookie": f"{COOKIE}={access.cookie}"}
     answers = [ask(scene, access, headers={**cookie, "authorization": f"Bearer {n}"}).status_code for n in range(40)]
