@@ -27,7 +27,7 @@ class Published:
             v=2, seq=self.seq, session="s", captured_ns=at_ns, sent_ns=at_ns, vocabulary=VocabularyHash(hash=digest),
             p=[0.5, 0.5], frames=1,
         )  # fmt: skip
-        self.roster.receive(observer, message, at_ns, at_ns)
+        self.roster.receive(observer, message, at_ns)
 
     def majority(self, at_ns=NOW_NS):
         return self.roster.majority(at_ns)
