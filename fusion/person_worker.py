@@ -173,6 +173,8 @@ class PersonWorker:
 
         What was learned about observers in another vocabulary was learned about other models, and is forgotten.
         """
+        # What this engine decided until now, the other service has decided.
+        self._withheld.clear()
         if checkpoint.judgement.vocabulary.hash != self.engine.vocabulary.digest:
             checkpoint = checkpoint.model_copy(update={"reliability": NOTHING_LEARNED})
         if checkpoint.age_s(self._clock()) <= FORGET_S:
