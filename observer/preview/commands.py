@@ -53,6 +53,7 @@ def look(
     from observer.geometry.picture_size import size_advice
     from observer.geometry.views import parse_view
     from observer.preview.looking import LastReport, look_at
+    from observer.preview.painting import paint
 
     _require_picture_name(output)
     for path in (output, save_skin):
@@ -67,11 +68,11 @@ def look(
     opened = _source(source, view, recording, last_report)
     built, choice = _tracker(settings, choice, kind)
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
-    result = look_at(opened, built, frames, name, choice, last_report)
-    write_picture(output, result.painted)
+    report, sighting = look_at(opened, built, frames, name, choice, last_report)
+    write_picture(output, paint(sighting, name))
     if show:
-        _show(result.sighting)
-    _print(replace(result.report, size_note=size_advice(parse_view(view), result.report.size_px)), output)
+        _show(sighting)
+    _print(replace(report, size_note=size_advice(parse_view(view), report.size_px)), output)
     if save_skin is not None:
         _save_skin(built, save_skin)
 

@@ -15,7 +15,7 @@ from common.messages import ProcessState
 from common.text import plural
 from common.tracker_choice import TrackerChoice
 from observer.camera.live import LiveCamera
-from observer.preview.painting import back_projection, paint
+from observer.preview.painting import back_projection
 from observer.preview.sight import Picture, Sighting
 from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
@@ -139,15 +139,6 @@ def _skin_advice(report: LookReport) -> Iterator[str]:
         yield "much of the picture has the colour of skin: change the background or the light, or --tracker mediapipe"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LookResult:
-    """report: what was found. painted: the newest picture, as a preview shows it; sighting: the same for others."""
-
-    report: LookReport
-    painted: Picture
-    sighting: Sighting
-
-
 class LastReport:
     """A `Report` of a source that remembers the last reason."""
 
@@ -161,8 +152,10 @@ class LastReport:
 
 def look_at(
     source: FrameSource, tracker: Tracker, frames: int, name: str, choice: TrackerChoice, last_report: LastReport
-) -> LookResult:
-    """Track at most `frames` pictures of a source. name: of the source, for people. last_report: the source's report.
+) -> tuple[LookReport, Sighting]:
+    """Track at most `frames` pictures of a source: what was found, and the newest picture as the tracker sees it.
+
+    name: of the source, for people. last_report: the source's report.
 
     Raises LabanmeshError when a live camera delivers no picture within CAMERA_RESERVE_S, and what the source raises.
     """
@@ -180,8 +173,7 @@ def look_at(
     sighting = Sighting(
         frame.content, tracks[-1], tracker.body_parts, frame.captured_ns, complaint=complaint, skin=skin
     )
-    report = _report(name, choice, frame.content, rate_hz, live, sighting, at_ns, tracks, faces)
-    return LookResult(report, paint(sighting, name), sighting)
+    return _report(name, choice, frame.content, rate_hz, live, sighting, at_ns, tracks, faces), sighting
 
 
 def _report(

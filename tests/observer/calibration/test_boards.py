@@ -11,7 +11,7 @@ from observer_stage import printed_board, rejected
 from scipy.optimize import least_squares
 
 from observer.calibration.board import Charuco, Chessboard, parse_chessboard, pictures, read_board
-from observer.calibration.bundle import BoardCorners, RigidTransform, _Problem, bundle_adjust, project_board
+from observer.calibration.bundle import BoardCorners, RigidTransform, _Problem, bundle_adjust
 from observer.calibration.calibrate import from_boards
 from observer.calibration.calibrated import angle_between, rotation
 from observer.calibration.detection import BoardDetection, CameraDetections, _upright, detector, find_boards, speeds
@@ -48,28 +48,6 @@ def test_reversed_or_mirrored_corners_are_put_in_order():
     grid = detector(BOARD)(gray)[1].reshape(7, 4, 2)
     for other in (grid, grid[::-1, ::-1], grid[:, ::-1], grid[::-1]):
         np.testing.assert_array_equal(_upright(gray, other), grid)
-
-
-def test_derivatives_of_the_projection_equal_difference_quotients():
-    rng = np.random.default_rng(6)
-    board, camera = rng.normal(0, 0.2, 6), np.array([0.1, -0.2, 0.1, 0.0, 0.1, 1.5])
-    lens = np.array([700.0, 320, 240, 0.1, -0.1])
-
-    def drawn(board, camera, points, lens):
-        f, u, v, k1, k2 = lens
-        return project_board(
-            points, (np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])), board, camera
-        )
-
-    arguments = board, camera, BOARD.points, lens
-    off, by_board, by_camera, by_point, by_lens = drawn(*arguments)
-    for which, slopes in ((0, by_board), (1, by_camera), (3, by_lens)):
-        for n, step in enumerate(np.eye(slopes.shape[1]) * 1e-6):
-            stepped = [part + step if place == which else part for place, part in enumerate(arguments)]
-            np.testing.assert_allclose((drawn(*stepped)[0] - off) / 1e-6, slopes[:, n], atol=0.05)
-    for n, step in enumerate(np.eye(3) * 1e-6):
-        moved = drawn(board, camera, BOARD.points + step, lens)[0]
-        np.testing.assert_allclose((moved - off) / 1e-6, by_point[:, :, n].ravel(), atol=0.05)
 
 
 def test_the_jacobian_equals_difference_quotients():

@@ -142,10 +142,6 @@ def test_idle_ends_are_cut_except_for_a_margin():
     assert moving_span(positions[:3], [0], 30) == (0, 3)
 
 
-def test_the_default_axes_are_the_performers():
-    np.testing.assert_array_equal(performer_axes("y", "-z"), np.eye(3))
-
-
 def test_a_room_with_z_up():
     # The performer faces along x, right is -y: x forward, y left, z up.
     np.testing.assert_array_equal(to_performer_axes(np.array([1.0, 2.0, 3.0]), "z", "x"), [-2, 3, -1])
