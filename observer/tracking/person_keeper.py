@@ -57,6 +57,10 @@ class _Followed:
         gone_s = min((at_ns - self.seen_ns) / SECOND_NS, OTHER_S)
         return self.du * gone_s, self.dv * gone_s
 
+    def stride(self, at_ns: int) -> float:
+        """Heights that half of the parts of one who goes on stay within, of where they are expected."""
+        return JUMP + SPEED / 2 * (at_ns - self.seen_ns) / SECOND_NS
+
     def distance(self, other: "Detection | _Followed", at_ns: int) -> float:
         """Heights between the middles."""
         du, dv = self.moved(at_ns)
@@ -81,8 +85,10 @@ class PersonKeeper:
         """The people of whom the keeper is sure, in the order in which they came; at_ns: of the picture."""
         self._tracks = [t for t in self._tracks if 0 <= at_ns - t.seen_ns <= OTHER_S * SECOND_NS]
         costs = [[self._cost(track, body, at_ns) for body in detections] for track in self._tracks]
-        alone = max([1.0, *(2 * cost for row in costs for cost in row if cost < math.inf)])
-        matching = best_matching(costs, alone)[1] if detections else {}
+        # In how far people move in that time: who was hidden may be farther away than who was seen a moment ago.
+        moved = [[cost / track.stride(at_ns) for cost in row] for track, row in zip(self._tracks, costs, strict=True)]
+        alone = max([1.0, *(1.01 * cost for row in moved for cost in row if cost < math.inf)])
+        matching = best_matching(moved, alone)[1] if detections else {}
         self._doubt(costs, matching, at_ns)
         free = [body for n, body in enumerate(detections) if n not in matching.values()]
         for row, column in matching.items():
@@ -113,8 +119,7 @@ class PersonKeeper:
                     exchanged = costs[row][matching[other]] + costs[other][matching[row]]
                     doubtful = exchanged < own + 2 * ALIKE
                 else:
-                    gone_s = (at_ns - track.seen_ns) / SECOND_NS
-                    doubtful = row in matching and costs[row][matching[row]] > JUMP + SPEED / 2 * gone_s
+                    doubtful = row in matching and costs[row][matching[row]] > track.stride(at_ns)
                 if doubtful:
                     track.unsure.add(self._tracks[other].id)
                     self._tracks[other].unsure.add(track.id)

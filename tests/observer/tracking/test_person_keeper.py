@@ -71,6 +71,17 @@ def test_a_body_that_jumps_near_another_may_be_the_other_and_gets_a_new_id():
     assert film.show(body("A", 150), body("B", 350)).keys() == {3, 4}
 
 
+def test_who_stands_still_keeps_the_id_when_somebody_appears_beside_them():
+    """The one who was hidden is not taken for the one who stands: both would have had to leap."""
+    film = Film()
+    for _ in range(5):
+        ids = film.show(body("A", 400), body("A", 200))
+    for _ in range(4):
+        film.show(body("A", 400))
+    shown = film.show(body("A", 402), body("A", 480))
+    assert shown[next(n for n, u in ids.items() if u == 400)] == 402
+
+
 def test_who_is_not_seen_is_remembered_for_a_while():
     film = Film()
     film.show(body("A", 100), body("B", 500))
