@@ -272,15 +272,15 @@ def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator
 
 def _clock(clock: ClockState, other_clocks: bool | None) -> Finding:
     if clock == "synchronised":
-        return ok(, "the clock is synchronised")
+        return ok(THIS_MACHINE, "the clock is synchronised")
     if other_clocks is False:
-        return ok(, "the clock may be wrong: in this scene all processes share it")
+        return ok(THIS_MACHINE, "the clock may be wrong: in this scene all processes share it")
     mark: Mark = "warning" if other_clocks else "hint"
     if clock == "unknown":
         what = "cannot tell whether the clock is synchronised"
-        return Finding(, mark, what, "check that NTP runs (chronyc tracking, timedatectl)")
+        return Finding(THIS_MACHINE, mark, what, "check that NTP runs (chronyc tracking, timedatectl)")
     what = "the clock is not synchronised: on several machines posteriors would seem younger or older than they are"
-    return Finding(, mark, what, "timedatectl set-ntp true, or install chrony")
+    return Finding(THIS_MACHINE, mark, what, "timedatectl set-ntp true, or install chrony")
 
 
 def _free_space(facts: MachineFacts) -> Iterator[Finding]:
