@@ -19,7 +19,6 @@ from benchmarks.clips.judging import BEGIN_NS, LATENCY_S, OBSERVER
 from benchmarks.clips.learning import Learning
 from benchmarks.clips.material import FOUR, centres_in, gesture_clips, recordings
 from benchmarks.command_line import recordings_folder, run_command
-from benchmarks.florence3d import FLORENCE_HZ
 from benchmarks.from_pixels import RecordedTracks
 from common import SECOND_NS
 from common.config_sections import FusionConfig
@@ -29,6 +28,7 @@ from observer.model.base import MovementModel, Onset
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.even_rate import Resampler
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.tracks import Floats, Frame, Tracks
 from studies.fusion_engine import FusionEngine

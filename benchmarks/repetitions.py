@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.command_line import markdown_table, recordings_folder, run_command
-from benchmarks.florence3d import read_florence3d
 from common.config_sections import FusionConfig
 from common.posterior import Repeated
 from fusion.engine.aged_posterior import AgedPosterior
@@ -87,7 +86,7 @@ def repetitions() -> None:
 
 def _archives(data: Path) -> Iterable[tuple[str, MotionArchive]]:
     yield "MSR Action3D", import_recordings("msr-action3d", data / "msr_action3d").archive
-    yield "Florence 3D", read_florence3d(data / "florence3d")
+    yield "Florence 3D", import_recordings("florence3d", data / "florence3d").archive
     for name, file in (("karate", "karate"), ("nw_ucla", "sensor1"), ("kinder_gator", "adults")):
         yield name, read_archive(data / name / f"{file}.npz")
 

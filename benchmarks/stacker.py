@@ -18,7 +18,6 @@ import typer
 from numpy.typing import NDArray
 
 from benchmarks.command_line import run_command
-from benchmarks.florence3d import read_florence3d
 from common.errors import BadInput
 from common.parallel import cores, run_parts
 from common.probability import softmax
@@ -89,7 +88,7 @@ def sets_in(folder: Path) -> dict[str, tuple[MotionArchive, tuple[str, ...]]]:
     """The training people of each set, and the views from which it is judged."""
     msr = import_recordings("msr-action3d", folder / "msr_action3d/MSRAction3DSkeletonReal3D").archive
     msr = replace(msr, recordings=tuple(r for r in msr.recordings if r.subject in MSR_TRAINING))
-    florence = read_florence3d(folder / "florence3d")
+    florence = import_recordings("florence3d", folder / "florence3d").archive
     sets = {"msr": (msr, ("door", "wheel", "yaw:45")), "florence": (florence, ("door", "wheel"))}
     for n in (1, 2, 3):
         sets[f"nw_ucla {n}"] = (read_archive(folder / f"nw_ucla/sensor{n}.npz"), ("door",))

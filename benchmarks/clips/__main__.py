@@ -18,13 +18,13 @@ from benchmarks.clips.report import by_movement, line, still_summary, summary, t
 from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
 from benchmarks.clips.variants import variants
 from benchmarks.command_line import recordings_folder, run_command
-from benchmarks.florence3d import FLORENCE_HZ
 from common.command_options import takes_options
 from common.config_sections import FusionConfig
 from common.errors import LabanmeshError
 from common.text import named_numbers, split_list
 from observer.model.base import MovementModel
 from observer.model.registry import DEFAULT_MODEL
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS
 

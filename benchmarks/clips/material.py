@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.florence3d import FLORENCE_HZ, read_florence3d
 from common import SECOND_NS
 from observer.camera.base import Picture, require_picture
 from observer.camera.opening import open_pictures
@@ -17,6 +16,7 @@ from observer.files import read_arrays, write_arrays
 from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive
+from observer.motion.importers.florence3d import FLORENCE_HZ, import_folder
 from observer.runtime.scene_inputs import UnmirroredSource
 from observer.tracks import BODY_PARTS, Floats, Frame
 from studies.sensors import with_parts
@@ -64,7 +64,7 @@ def webcam_clips(data: Path) -> list[Clip]:
 
 def recordings(data: Path) -> MotionArchive:
     """All 215 recordings of Florence 3D Actions: hands and head, as the tracks of the clips."""
-    return with_parts(read_florence3d(data / RECORDINGS), BODY_PARTS)
+    return with_parts(import_folder(data / RECORDINGS).archive, BODY_PARTS)
 
 
 def clip_view(name: str) -> View:

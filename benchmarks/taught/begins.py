@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from benchmarks.clips.material import gesture_clips, webcam_clips
 from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
-from benchmarks.florence3d import FLORENCE_HZ as FILM_HZ
-from benchmarks.florence3d import read_florence3d
 from common import SECOND_NS
 from common.errors import BadInput
 from common.teaching_messages import TeachReply
@@ -26,6 +24,8 @@ from hub.teaching.interface import LOOK_S
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
+from observer.motion.importers.florence3d import FLORENCE_HZ as FILM_HZ
+from observer.motion.importers.florence3d import import_folder as import_florence3d
 from observer.motion.importers.msr_action3d import import_folder as import_msr
 from observer.motion.projected import view_tracks
 from observer.recording.own_tracks import RECORDING_HZ, watched_parts
@@ -100,7 +100,7 @@ def archive_of(data: Path, kind: str) -> MotionArchive:
     if kind == "msr_action3d":
         return with_parts(import_msr(data / kind).archive, BODY_PARTS)
     if kind == "florence3d":
-        return with_parts(read_florence3d(data / kind), BODY_PARTS)
+        return with_parts(import_florence3d(data / kind).archive, BODY_PARTS)
     return read_archive(data / kind / ("sensor1.npz" if kind == "nw_ucla" else f"{kind}.npz"))
 
 

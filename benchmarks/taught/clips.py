@@ -11,12 +11,12 @@ import numpy as np
 from benchmarks.clips.judging import ClipResult, judge
 from benchmarks.clips.material import Clip, centres_in, gesture_clips
 from benchmarks.clips.report import line
-from benchmarks.florence3d import FLORENCE_HZ
 from benchmarks.taught.judging import TaughtModels
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.even_rate import at_even_rate
+from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.tracks import BODY_PARTS, Floats
 
 CAMERA = "films"

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.florence3d import read_florence3d
 from benchmarks.taught.judging import TaughtModels, names_in, verdicts_on
 from common.parallel import cores, run_parts
 from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive, Recording, TracksCamera, labels_of, resample, select
 from observer.motion.archive_file import read_archive
+from observer.motion.importers.florence3d import import_folder as import_florence3d
 from observer.motion.importers.msr_action3d import import_folder
 from observer.motion.projected import projected
 from observer.tracks import BODY_PARTS
@@ -79,7 +79,7 @@ def msr_room(data: Path) -> RecordedRoom:
 
 def florence3d_room(data: Path) -> RecordedRoom:
     """Florence 3D Actions, two or three takes, seen as those of MSR Action3D. The last one is numbered 3."""
-    archive = with_parts(read_florence3d(data / "florence3d"), BODY_PARTS)
+    archive = with_parts(import_florence3d(data / "florence3d").archive, BODY_PARTS)
     counts = Counter((r.subject, r.label) for r in archive.recordings)
     numbered = (
         replace(r, trial="3" if int(r.trial) == counts[r.subject, r.label] == 2 else r.trial)

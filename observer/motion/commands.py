@@ -11,7 +11,7 @@ from common.text import plural
 
 
 def import_recordings(
-    kind: Annotated[str, typer.Argument(help="msr-action3d, bvh, csv or archive.")],
+    kind: Annotated[str, typer.Argument(help="msr-action3d, florence3d, bvh, csv or archive.")],
     path: Annotated[Path, typer.Argument(help="The folder or file that holds the recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The motion archive to write (.npz).")],
     seen_from: Annotated[

@@ -19,6 +19,7 @@ PROVIDED_BY = {"sse_starlette": "sse-starlette", "prometheus_client": "prometheu
 ON_REQUEST = {
     ("hub.dashboard.commands", "common.capture_file"): "dashboard --capture",
     ("observer.model.logistic", "scipy.optimize"): "learn",
+    ("observer.motion.importers.florence3d", "scipy.io"): "import florence3d",
     ("observer.model.stacker", "scipy.optimize"): "learn",
     ("studies.report", "studies.figures"): "evaluate --report",
     ("hub.teaching.rehearsal", "studies.performer.cameras"): "teach --rehearse",

@@ -9,9 +9,10 @@ from common.errors import BadInput
 from observer.motion.importers import IMPORTERS, import_recordings
 from observer.tracks import BODY_PARTS
 
-FILES = ("a01_s01_e01_skeleton3D.txt", "wave.bvh", "wave.csv", "wave.c3d", "wave.trc", "wave.npz")  # fmt: skip
+FILES = ("a01_s01_e01_skeleton3D.txt", "skeletal_data.mat", "action_names.mat",
+         "wave.bvh", "wave.csv", "wave.c3d", "wave.trc", "wave.npz")  # fmt: skip
 """Names that some importer reads."""
-FOLDERS = {"msr-action3d": "msr_action3d", "bvh": "effort_bvh"}
+FOLDERS = {"msr-action3d": "msr_action3d", "florence3d": "florence3d", "bvh": "effort_bvh"}
 
 CONTENTS = {
     "empty": b"",

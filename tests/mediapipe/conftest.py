@@ -10,9 +10,9 @@ import pytest
 from mediapipe_stage import follow, unmirrored
 
 from benchmarks.clips.material import CAMERA
-from benchmarks.florence3d import read_florence3d
 from hub.phone.pose_task import pose_task
 from observer.motion.archive import MotionArchive
+from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 from studies.sensors import with_parts
@@ -52,7 +52,7 @@ def florence(data, pose_model):
     """The 16 clips with their joints as truth, each tracked by a new tracker."""
     from scipy.io import loadmat
 
-    archive = with_parts(read_florence3d(data / "florence3d"), BODY_PARTS)
+    archive = with_parts(import_folder(data / "florence3d").archive, BODY_PARTS)
     joints = loadmat(str(data / "florence3d/skeletal_data.mat"), simplify_cells=True)["skeletal_data"]
     clips = []
     for row in csv.DictReader((data / "florence3d_videos/labels.csv").read_text().splitlines()):

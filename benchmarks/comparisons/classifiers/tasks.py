@@ -17,7 +17,6 @@ from benchmarks.comparisons.classifiers.comparison import (
 )
 from benchmarks.comparisons.classifiers.spotter import spot_streams
 from benchmarks.comparisons.classifiers.tables import as_json, as_markdown, peer_rows, streams_as_markdown
-from benchmarks.florence3d import read_florence3d
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, labels_of, subjects_in
 from observer.motion.archive_file import read_archive
@@ -171,7 +170,7 @@ def _nw_ucla(parts: Parts, folder: Path) -> Task:
 
 
 def _florence(parts: Parts, folder: Path) -> Task:
-    archive = read_florence3d(folder)
+    archive = import_recordings("florence3d", folder).archive
     return _one_left_out("Florence 3D", archive, parts)
 
 

@@ -5,13 +5,14 @@ from pathlib import Path
 from common.errors import BadInput
 from common.text import nearest
 from observer.motion.archive import check_archive
-from observer.motion.importers import bvh, csv_table, joined, msr_action3d
+from observer.motion.importers import bvh, csv_table, florence3d, joined, msr_action3d
 from observer.motion.importers.base import Importer, ImportResult, Progress
 
 __all__ = ["IMPORTERS", "ImportResult", "Importer", "Progress", "import_recordings"]
 
 IMPORTERS: dict[str, Importer] = {
     "msr-action3d": msr_action3d.import_folder,
+    "florence3d": florence3d.import_folder,
     "bvh": bvh.import_files,
     "csv": csv_table.import_files,
     "archive": joined.import_archives,

@@ -1,11 +1,12 @@
 """Importers with recordings of real people, and with small invalid files."""
 
+import builtins
+
 import numpy as np
 import pytest
 from scipy.io import savemat
 
-from benchmarks.florence3d import read_florence3d
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import check_archive
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
@@ -77,9 +78,10 @@ def assert_upright(body_parts, places):
 
 
 def test_florence3d(data):
-    archive = read_florence3d(data / "florence3d")
-    check_archive(archive)
-    recordings, body_parts = archive.recordings, archive.body_parts
+    result = import_recordings("florence3d", data / "florence3d")
+    check_archive(result.archive)
+    recordings = result.archive.recordings
+    body_parts = result.archive.body_parts
     assert len(recordings) == 215 and set(body_parts) == {*WHOLE_BODY, "spine"} - {"pelvis"}
     assert_upright(body_parts, np.median([np.median(r.positions[:3], axis=0) for r in recordings], axis=0))
     names = {"wave", "drink", "answer_phone", "clap", "tight_lace", "sit_down", "stand_up", "read_watch", "bow"}
@@ -169,7 +171,60 @@ def test_axes_and_trials_of_florence3d(tmp_path):
     joints[:, 5, 3] = (4, 5, 6)
     joints[:, 8, 3] = (7, 8, 9)
     florence(tmp_path, clip(original_skeletal_data=joints), clip(), clip(subject=3))
-    archive = read_florence3d(tmp_path)
-    np.testing.assert_array_equal(archive.recordings[0].positions[3, :3], [[4, 6, 5], [7, 9, 8], [1, 3, 2]])
-    named = [(recording.label, recording.subject, recording.trial) for recording in archive.recordings]
+    result = import_recordings("florence3d", tmp_path)
+    np.testing.assert_array_equal(result.archive.recordings[0].positions[3, :3], [[4, 6, 5], [7, 9, 8], [1, 3, 2]])
+    named = [(recording.label, recording.subject, recording.trial) for recording in result.archive.recordings]
     assert named == [("answer_phone", "1", "1"), ("answer_phone", "1", "2"), ("answer_phone", "3", "1")]
+    assert len(import_recordings("florence3d", tmp_path / "skeletal_data.mat").archive.recordings) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"action": 3}, "clip 2: action 3: a whole number from 1 to 2"),
+        ({"action": 0}, "clip 2: action 0"),
+        ({"action": "wave"}, "clip 2: action 'wave'"),
+        ({"subject": 0}, "clip 2: subject 0"),
+        ({"subject": np.zeros((40, 40))}, "clip 2: subject"),
+        ({"original_skeletal_data": np.zeros((3, 20, 4))}, r"clip 2: .*\(3, 20, 4\)"),
+        ({"original_skeletal_data": np.full((3, 15, 4), np.nan)}, "clip 2: frame 0: .*not finite"),
+        ({"original_skeletal_data": "text"}, "clip 2: "),
+    ],
+)
+def test_an_invalid_clip_of_florence3d(changes, words, tmp_path):
+    with pytest.raises(BadInput, match=words) as caught:
+        import_recordings("florence3d", florence(tmp_path, clip(), clip(**changes)))
+    assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_missing_parts_of_florence3d(tmp_path):
+    def refused(words):
+        with pytest.raises(BadInput, match=words):
+            import_recordings("florence3d", tmp_path)
+
+    florence(tmp_path, clip(), {"subject": 1, "action": 1})
+    refused("clip 2: field original_skeletal_data is missing")
+    florence(tmp_path, clip(), names=("wave", "Wave "))
+    refused("different names")
+    florence(tmp_path, clip())
+    savemat(tmp_path / "skeletal_data.mat", {"other": 1})
+    refused("variable skeletal_data is missing")
+    whole = (tmp_path / "action_names.mat").read_bytes()
+    (tmp_path / "action_names.mat").write_bytes(whole[: len(whole) // 2])
+    refused("cannot be read|is missing")
+    (tmp_path / "action_names.mat").unlink()
+    refused("action_names.mat: no such file")
+
+
+def test_without_scipy_the_error_names_the_extra(tmp_path, monkeypatch):
+    florence(tmp_path, clip())
+    real = builtins.__import__
+
+    def without(name, *rest):
+        if name.startswith("scipy"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(LabanmeshError, match=r"pip install 'labanmesh\[observer\]'"):
+        import_recordings("florence3d", tmp_path)
