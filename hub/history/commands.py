@@ -55,6 +55,8 @@ def history(
         rows = file.select(HistoryQuery(kind, label, from_ns, until_ns, last))
         if label and not rows and label not in (known := file.labels()):
             print(f"nothing of {label[:64]}: {nearest(label, known)}", file=sys.stderr)
+        elif not rows and not (as_csv or as_json):
+            print("nothing was kept that fits", file=sys.stderr)
     ordered = list(reversed(rows))
     if as_csv:
         writer = csv.DictWriter(sys.stdout, CSV_COLUMNS, extrasaction="ignore", lineterminator="\n")
