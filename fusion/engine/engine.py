@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import LAST_INTEGER
-from common.messages import WHY_LIMIT, JudgementMessage, VerdictMessage
+from common.messages import WHY_LIMIT, JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.messages import JudgementBuilder, PublishedFacets, Stamp, published_facets
 from fusion.engine.pooling import FACETS_NS, PooledPosterior, PoolingCase, newest_capture_ns, pool_facets, pool_steps
@@ -63,8 +63,8 @@ class FusionEngine:
         self.place: Sequence[float] | None = None
         self._scene, self._config, self._rule = scene, config, get_rule(config.rule)
         self._roster = roster = Roster(observers, vocabulary, config)
-        self.receive, self.record_clock, self.skew_s = roster.receive, roster.record_clock, roster.skew_s
-        self.reject, self.set_present, self.observed_vocabulary = roster.reject, roster.set_present, roster.majority
+        self.record_clock, self.skew_s, self.observed_vocabulary = roster.record_clock, roster.skew_s, roster.majority
+        self.reject, self.set_present = roster.reject, roster.set_present
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
@@ -73,6 +73,10 @@ class FusionEngine:
         self._nearest, self._withheld, self._seq, self._facets_ns = NearestMiss(), list[VerdictMessage](), 0, 0
         self._facets: PublishedFacets = {}
         self.reliability = Reliability()
+
+    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
+        """Take one posterior that arrived at `now_ns`; returns why it was not used, or None."""
+        return self._roster.receive(observer, message, now_ns)
 
     @property
     def rejected(self) -> Mapping[str, Counter[str]]:

@@ -240,7 +240,7 @@ def test_a_router_without_certificates_says_what_strangers_may_do(endpoint, warn
     file.write_text(json.dumps({"mode": "router", "listen": {"endpoints": {"router": [endpoint]}}}))
     for rules in (plain_rules(endpoint), rules_in_file(file)):
         caplog.clear()
-        assert Link.check_router(rules.text(), "here") == [endpoint]
+        assert Link.check_router(rules.make(), "here") == [endpoint]
         route(rules, Opened())
         assert [warning in line for line in caplog.messages] == [True] * bool(warning)
 
