@@ -92,14 +92,14 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
 
     A check that fails or exceeds its limit_s becomes a finding, so the doctor always answers.
     """
-    found: dict[int, Sequence[Finding]] = {}
+    of_checks: dict[int, Sequence[Finding]] = {}
 
     def run(number: int, check: Check) -> None:
         try:
-            found[number] = check.run()
+            of_checks[number] = check.run()
         except Exception as error:  # noqa: BLE001 - whatever it is, the other checks have findings
             what = f"the check failed: {type(error).__name__}: {error}"
-            found[number] = [warning(check.group, what, "this is a bug in labanmesh: please report it")]
+            of_checks[number] = [warning(check.group, what, "this is a bug in labanmesh: please report it")]
 
     began_s, findings = time.monotonic(), list[Finding]()
     # A daemon thread that hangs does not keep the process alive.
@@ -111,7 +111,7 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
         late = warning(
             check.group, f"the check took longer than {check.limit_s:g} s", "try again; is this machine very busy?"
         )
-        findings += found.get(number, [late])
+        findings += of_checks.get(number, [late])
     return findings
 
 
