@@ -70,15 +70,22 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
     def clip(request: Request) -> Response:
         wanted = request.path_params["observer"], request.path_params["verdict"]
         kept = _clips(scene) if shows_clips and off is None else ()
-        try:
-            path, content = next((path, path.read_bytes()) for *own, path in kept if (*own,) == wanted)
-        except (OSError, StopIteration):
-            return PlainTextResponse("There is no such clip on this machine.\n", 404)
-        headers = {"cache-control": NO_STORE, "content-disposition": f'attachment; filename="{path.name}"'}
-        return Response(content, media_type="video/x-msvideo", headers=headers)
+        return _clip_response(next((path for *own, path in kept if (*own,) == wanted), None))
 
     pages = [static_page(path, name) for path, name in DAY_FILES.items()]
     return [*pages, Route("/history/data", data), Route("/history/clip/{observer}/{verdict}", clip)]
+
+
+def _clip_response(path: Path | None) -> Response:
+    """The film, or that it is not on this machine, or no longer."""
+    try:
+        content = None if path is None else path.read_bytes()
+    except OSError:
+        content = None
+    if path is None or content is None:
+        return PlainTextResponse("There is no such clip on this machine.\n", 404)
+    headers = {"cache-control": NO_STORE, "content-disposition": f'attachment; filename="{path.name}"'}
+    return Response(content, media_type="video/x-msvideo", headers=headers)
 
 
 def clips_of(scene: "Scene", verdicts: set[str]) -> dict[str, list[list[str]]]:
