@@ -151,10 +151,10 @@ class ObserverConfig(Section):
     path, which may hold a secret. skin, face: settings of `camshift` for the person (a file;
     x, y, width, height in px). pose_model, hand: the model file of a pose model, and which place is the hand. follow:
     which of several people a pose model follows; follow_near: the marked place for "nearest", shares of the picture.
-    preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
-    of the Effort model; "": no Effort. say: when posteriors are published. place, facing: of the person, as in
-    [person], if this camera's room has axes of its own. max_hz, idle_hz: runs of the tracker of
-    pictures per second, while the person moves and while nothing does; None: by their cost.
+    picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file of the Effort model; "": no
+    Effort. say: when posteriors are published. place, facing: of the person, as in [person], if this camera's room has
+    axes of its own. max_hz, idle_hz: runs of the tracker of pictures per second, while the person moves and while
+    nothing does; None: by their cost.
     """
 
     source: Annotated[str, Field(min_length=1, examples=["0"])]
@@ -180,7 +180,6 @@ class ObserverConfig(Section):
     hand: Literal["palm", "wrist"] = "palm"
     follow: Literal["largest", "nearest", "raised_hand"] = "largest"
     follow_near: Annotated[tuple[Share, Share] | None, Field(strict=False, examples=[[0.5, 0.5]])] = None
-    preview: str = ""
     picture_hz: Annotated[float, Field(ge=0, le=5)] = 0.0
     effort: str = ""
     say: Literal["each frame", "on change"] = "each frame"

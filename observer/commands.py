@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from common.link import Link
     from observer.effort.reader import FacetReader
     from observer.model.base import Header, MovementModel
-    from observer.preview.film import FilmPreview
     from observer.runtime.people_observer import AnyObserver
     from observer.runtime.scene_inputs import ObserverInputs
     from observer.runtime.service import HealthReporter, ObserverLike
@@ -31,14 +30,10 @@ LIGHTEN = "try smaller pictures (size_px), a lower rate_hz, a lighter tracker or
 def observe(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML), the same for every process of the scene.")],
     observer: Annotated[str, typer.Argument(help="The id of this observer in the scene file.")],
-    preview: Annotated[
-        str,
-        typer.Option(help="Film what the observer sees: the file to write (.mp4, .avi)."),
-    ] = "",
 ) -> None:
     """Run one observer: it watches the person from its view and publishes posteriors until its source ends.
 
-    Example: labanmesh observe scene.toml cam1 --preview cam1.mp4
+    Example: labanmesh observe scene.toml cam1
     """
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
@@ -58,13 +53,12 @@ def observe(
         begun = None if model is None else build(model)
         taught = stack.enter_context(teachable(config, observer, inputs, begun, build))
         paced = _paced(config, observer, taught, inputs)
-        film = _preview(config, observer, preview, inputs, stack)
         opened = Link.open(config.mesh, "observer", process_id=observer, scene=config.scene, stop=stop)
         link = stack.enter_context(opened)
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
         answer_teachers(link, config, observer, taught)
-        shown = stack.enter_context(_with_pictures(config, observer, paced, inputs, link, film))
+        shown = stack.enter_context(_with_pictures(config, observer, paced, inputs, link))
         gc.freeze()  # a collection that looks through all loaded modules takes 25 ms
         serve(config, observer, shown, inputs.source, link, stop, health=health)
 
@@ -133,20 +127,6 @@ def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "
     return PacedObserver(observer, inputs.tracker, pace, scene.fusion, LoadMeter("pictures", LIGHTEN))
 
 
-def _preview(
-    scene: "Scene", observer: str, target: str, inputs: "ObserverInputs", stack: ExitStack
-) -> "FilmPreview | None":
-    """The film that was asked for on the command line or, in the scene's folder, by the scene file; None without."""
-    named = scene.observer(observer).preview
-    target = target or (str(scene.place(named)) if named else "")
-    if not target:
-        return None
-    from observer.preview.film import FilmPreview
-
-    film = FilmPreview.open(target, inputs.source.rate_hz, observer, keep_all=inputs.keeps_all)
-    return stack.enter_context(film)
-
-
 def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "ObserverInputs") -> "FacetReader":
     """Reads Shape, and Effort if the scene names a model of it."""
     from observer.effort.effort_file import read_effort, require_rate
@@ -161,19 +141,14 @@ def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "Obse
 
 @contextmanager
 def _with_pictures(
-    scene: "Scene",
-    observer_id: str,
-    observer: "ObserverLike",
-    inputs: "ObserverInputs",
-    link: "Link",
-    preview: "FilmPreview | None",
+    scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs", link: "Link"
 ) -> Iterator["ObserverLike"]:
-    """The observer itself or, if pictures, clips or a film of it are wanted, the observer with these."""
+    """The observer itself or, if its pictures or clips are wanted, the observer with these."""
     section = scene.observer(observer_id)
-    if not (section.picture_hz or section.clips.folder or scene.watch.fallen or preview):
+    if not (section.picture_hz or section.clips.folder or scene.watch.fallen):
         yield observer
         return
     from observer.preview.shown_pictures import shown_pictures
 
-    with shown_pictures(scene, observer_id, observer, inputs.tracker, link, preview) as pictured:
+    with shown_pictures(scene, observer_id, observer, inputs.tracker, link) as pictured:
         yield pictured

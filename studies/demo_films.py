@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from common import SECOND_NS
 from common.config import read_scene
 from common.parallel import run_parts
@@ -18,14 +20,15 @@ from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
 from observer.motion.even_rate import Resampler
 from observer.motion.playback import RecordedMotion
-from observer.preview.film import Film, FilmPreview
-from observer.preview.shown_pictures import PicturedObserver
+from observer.preview.film import Film
+from observer.preview.sight import Sighting
+from observer.preview.small_picture import STATE_COLOUR, small_picture, write_line
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.runtime.start_barrier import StartBarrier
-from observer.tracks import Frame
+from observer.tracks import Frame, State, Tracks
 from studies.fusion_engine import FusionEngine, step
 from studies.settings import Progress
 
@@ -121,9 +124,9 @@ def _film(corner: FilmedCorner, scene_file: Path, folder: Path, cameras: int) ->
 
 
 def _write_film(corner: FilmedCorner, rate_hz: float) -> None:
-    film = Film(corner.file, rate_hz, keep_all=True, size_px=FILM_SIZE_PX)
+    film = Film(corner.file, rate_hz, FILM_SIZE_PX)
     for frame in replace(corner, stream=resample(corner.stream, rate_hz)).frames():
-        film.draw(frame.content, frame.captured_ns)
+        film.draw(frame.content)
     film.close()
 
 
@@ -151,11 +154,17 @@ def _tracked_per_s(name: str, scene_file: Path, begin: StartBarrier) -> float:
 def film_tracks(scene_file: Path, name: str, file: Path, progress: Progress) -> None:
     """A film of what an observer of films sees in its own: the tracks, and its belief."""
     observer, inputs = _observing(scene_file, name)
-    with FilmPreview.open(str(file.absolute()), inputs.source.rate_hz, name, keep_all=True) as preview:
-        shown = PicturedObserver(observer, inputs.tracker, [preview])
-        for n, frame in enumerate(inputs.source.frames(threading.Event()), 1):
-            shown.step(frame)
-            progress(f"drawing what {name} saw", n, getattr(inputs.source, "count", n))
+    film, parts = Film(file, inputs.source.rate_hz, FILM_SIZE_PX), inputs.tracker.every_part
+    for n, frame in enumerate(inputs.source.frames(threading.Event()), 1):
+        posterior = observer.step(frame)
+        tracks = inputs.tracker.all_tracks or Tracks(np.full((len(parts), 2), np.nan))
+        picture = small_picture(Sighting(frame.content, tracks, parts, frame.captured_ns), max(FILM_SIZE_PX))
+        best = int(posterior.p.argmax())
+        belief = f"{observer.vocabulary.labels[best]} {posterior.p[best]:.0%}, at rest {posterior.rest:.0%}"
+        write_line(picture, len(parts) + 1, belief, STATE_COLOUR[State.SEEN])
+        film.draw(picture)
+        progress(f"drawing what {name} saw", n, getattr(inputs.source, "count", n))
+    film.close()
 
 
 def _observing(scene_file: Path, name: str, loop: bool = False) -> tuple[Observer, ObserverInputs]:

@@ -31,7 +31,7 @@ _labanmesh() {
             "forget "*) words="--person --label --all --clips --yes --labels -o --output" ;;
             "score "*) words="--references --label --subjects --trials --reference-trials --views --report --json" ;;
             "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --facings --uncalibrated --unlearned --background-labels --body-parts --onset --stream --learning-curve --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort --rate" ;;
-            "observe "*) words="--preview" ;;
+            "observe "*) words="" ;;
             "fuse "*) words="--id" ;;
             "router "*) words="--scene --config" ;;
             "secure init") words="--to" ;;

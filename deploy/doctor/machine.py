@@ -27,7 +27,7 @@ ClockState = Literal["synchronised", "free", "unknown"]
 MIB = 1 << 20
 GIB = 1 << 30
 LITTLE_DISK = 500 * MIB
-"""Bytes; a preview film takes about 1 MB a second, a capture of four observers far less."""
+"""Bytes; clips of verdicts and a capture of four observers take far less in a day."""
 LITTLE_MEMORY = 300 * MIB
 """Bytes; an observer takes 100 to 150 MB, one with mediapipe twice that."""
 INSTALL_OBSERVER = "pip install 'labanmesh[observer]'"

@@ -16,13 +16,20 @@ if TYPE_CHECKING:
     from common.tracker_choice import TrackerChoice
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
-    from observer.preview.sight import Sighting
+    from observer.preview.sight import Picture, Sighting
     from observer.tracking.tracker_kind import TrackerKind
     from observer.tracks import FrameSource, Tracker
 
-SHOWN_PX = 320
+LOOK_SIDE_PX, SHOWN_PX = 1280, 320
+"""Longer side of the picture that is written, at most, and of the one in the terminal."""
 WIDEST, LINES_BESIDE = 100, 8
 """Characters of a picture in the terminal, and lines that it leaves free."""
+UPPER_HALF = "▀"
+"""Its foreground is the upper pixel, its background the lower one."""
+RESET = "\x1b[0m"
+CUBE_LEVELS = 6
+"""Of each colour in the cube of terminals with 256 colours, which begins at CUBE."""
+CUBE = 16
 SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -53,7 +60,7 @@ def look(
     from observer.geometry.picture_size import size_advice
     from observer.geometry.views import parse_view
     from observer.preview.looking import LastReport, look_at
-    from observer.preview.painting import paint
+    from observer.preview.small_picture import small_picture
 
     _require_picture_name(output)
     for path in (output, save_skin):
@@ -69,7 +76,7 @@ def look(
     built, choice = _tracker(settings, choice, kind)
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     report, sighting = look_at(opened, built, frames, name, choice, last_report)
-    write_picture(output, paint(sighting, name))
+    write_picture(output, small_picture(sighting, LOOK_SIDE_PX))
     if show:
         _show(sighting)
     _print(replace(report, size_note=size_advice(parse_view(view), report.size_px)), output)
@@ -80,7 +87,6 @@ def look(
 def _show(sighting: "Sighting") -> None:
     """The picture with the skeleton, as large as fits into the terminal with room for the lines."""
     from observer.preview.small_picture import small_picture
-    from observer.preview.terminal_picture import picture_lines
 
     size = shutil.get_terminal_size()
     exact = os.environ.get("COLORTERM", "") in ("truecolor", "24bit")
@@ -89,6 +95,36 @@ def _show(sighting: "Sighting") -> None:
     )
     for line in lines:
         typer.echo(line, color=True)
+
+
+def picture_lines(picture: "Picture", columns: int, lines: int, *, exact: bool = True) -> list[str]:
+    """(H, W, 3) uint8 BGR -> at most `lines` lines of at most `columns` characters, in the picture's shape.
+
+    exact: in 16 million colours; else in 216, which more terminals know.
+    """
+    import cv2
+    import numpy as np
+
+    height, width = picture.shape[:2]
+    scale = min(columns / width, 2 * lines / height)
+    size = max(round(width * scale), 1), max(2 * round(height * scale / 2), 2)
+    small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))[:, :, ::-1]
+    return [
+        "".join(_cell(upper, lower, exact) for upper, lower in zip(small[row], small[row + 1], strict=True)) + RESET
+        for row in range(0, len(small), 2)
+    ]
+
+
+def _cell(upper: "Picture", lower: "Picture", exact: bool) -> str:
+    return f"\x1b[38;{_colour(upper, exact)};48;{_colour(lower, exact)}m{UPPER_HALF}"
+
+
+def _colour(rgb: "Picture", exact: bool) -> str:
+    red, green, blue = (int(value) for value in rgb)
+    if exact:
+        return f"2;{red};{green};{blue}"
+    red, green, blue = (round(value / 255 * (CUBE_LEVELS - 1)) for value in (red, green, blue))
+    return f"5;{CUBE + CUBE_LEVELS * CUBE_LEVELS * red + CUBE_LEVELS * green + blue}"
 
 
 def _print(report: "LookReport", output: Path) -> None:

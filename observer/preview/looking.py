@@ -15,11 +15,11 @@ from common.messages import ProcessState
 from common.text import plural
 from common.tracker_choice import TrackerChoice
 from observer.camera.live import LiveCamera
-from observer.preview.painting import back_projection
 from observer.preview.sight import Picture, Sighting
 from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
+from observer.tracking.skin import SkinHistogram
 from observer.tracks import Frame, FrameSource, SeenPeople, State, Tracker, Tracks
 
 DARK, BRIGHT = 45.0, 215.0
@@ -34,6 +34,8 @@ FACE_EVERY = 3
 """A face is searched in every third picture, because that costs more than tracking."""
 SHORT_SIDE_PX = 480
 """Larger pictures are reduced for the search, as `camshift` does."""
+SKIN_ROW_PX = 320
+"""Skin is counted in about this many pixels of a row."""
 _DISCARD = logging.NullHandler()
 
 
@@ -166,43 +168,38 @@ def look_at(
     if frame is None:
         reason = last_report.reason or "the source delivered nothing"
         raise LabanmeshError(f"{name}: no picture within {CAMERA_RESERVE_S:g} s: {reason}")
-    live = isinstance(source, LiveCamera)
+    picture, parts, live = frame.content, tracker.body_parts, isinstance(source, LiveCamera)
     captured_ns, at_ns, tracks = zip(*tracked, strict=True)
-    rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
-    complaint, skin = str(getattr(tracker, "complaint", "")), getattr(tracker, "skin", None)
-    sighting = Sighting(
-        frame.content, tracks[-1], tracker.body_parts, frame.captured_ns, complaint=complaint, skin=skin
-    )
-    return _report(name, choice, frame.content, rate_hz, live, sighting, at_ns, tracks, faces), sighting
-
-
-def _report(
-    name: str, choice: TrackerChoice, picture: Picture, rate_hz: float, live: bool,
-    shown: Sighting, at_ns: Sequence[int], tracks: Sequence[Tracks], faces: "_FaceCount",
-) -> LookReport:  # fmt: skip
-    back, parts = back_projection(shown), shown.body_parts
     centres = np.array([each.centres for each in tracks])
-    seen_share = np.isfinite(centres).all(axis=2).mean(axis=0)
-    return LookReport(
+    report = LookReport(
         source=name,
         tracker=choice.name,
         reason=choice.reason,
         lacks=choice.lacks,
         size_px=(picture.shape[1], picture.shape[0]),
-        rate_hz=rate_hz,
+        rate_hz=_measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz,
         live=live,
         pictures=len(tracks),
         brightness=float(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).mean()),
         faces=faces.detected,
         faces_searched=faces.searched,
         face_px=faces.width_px,
-        skin=None if back is None else float((back >= SKIN).mean()),
-        seen_share=dict(zip(parts, seen_share.tolist(), strict=True)),
-        states=dict(zip(parts, shown.tracks.states, strict=True)),
-        complaint=shown.complaint,
-        people=shown.tracks.people,
+        skin=_skin_share(getattr(tracker, "skin", None), picture),
+        seen_share=dict(zip(parts, np.isfinite(centres).all(axis=2).mean(axis=0).tolist(), strict=True)),
+        states=dict(zip(parts, tracks[-1].states, strict=True)),
+        complaint=str(getattr(tracker, "complaint", "")),
+        people=tracks[-1].people,
         doubts=doubts(centres, parts, at_ns, faces.boxes),
     )
+    return report, Sighting(picture, tracks[-1], parts, frame.captured_ns)
+
+
+def _skin_share(skin: SkinHistogram | None, picture: Picture) -> float | None:
+    """The share of the picture in the colour of the skin; None for a tracker without one."""
+    if skin is None:
+        return None
+    step = max(1, picture.shape[1] // SKIN_ROW_PX)
+    return float((skin.back_project(picture[::step, ::step].copy()) >= SKIN).mean())
 
 
 def _first_frames(source: FrameSource, frames: int) -> Iterator[Frame]:

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 from common import SECOND_NS
 from common.config import Scene
 from common.errors import LabanmeshError
+from common.picture_message import MOST_PICTURE_BYTES, PICTURE_BYTES_PER_S, PICTURE_SIDE_PX, PictureMessage
+from common.subsession import Publisher
+from common.wire import encode
 from observer.preview.clip_folder import ClipFolder
 from observer.preview.clips import VerdictClips
-from observer.preview.film import FilmPreview
-from observer.preview.live_picture import LivePicture
 from observer.preview.posture_outlet import PostureOutlet
-from observer.preview.sight import MotionExtent, ShownPosterior, Sighting
+from observer.preview.sight import MotionExtent, Sighting
+from observer.preview.small_picture import encode_jpeg, small_picture
 from observer.runtime.pipeline import Posterior
 from observer.runtime.service import ObserverAround, ObserverLike
 from observer.tracks import Frame, Tracks
@@ -29,22 +31,41 @@ LONGEST_NS = SECOND_NS // 2
 """After this long a picture is shown although the observer has skipped it: an observer rests in an empty room."""
 
 
-PictureOutlet = LivePicture | VerdictClips | PostureOutlet | FilmPreview
+class LivePicture:
+    """Publishes at most `rate_hz` pictures a second, and at most PICTURE_BYTES_PER_S bytes."""
+
+    def __init__(self, publisher: Publisher, rate_hz: float) -> None:
+        self._publisher, self._every_ns = publisher, round(SECOND_NS / rate_hz)
+        self._limit = min(MOST_PICTURE_BYTES, int(PICTURE_BYTES_PER_S / rate_hz))
+        self._next_ns = 0
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether a picture is wanted at `now_ns`."""
+        # A clock that was set back must not silence it.
+        early = now_ns < self._next_ns <= now_ns + self._every_ns
+        return not early and self._publisher.has_subscriber
+
+    def show(self, sighting: Sighting, now_ns: int) -> None:
+        """Publish one picture; raises LabanmeshError if the link is closed."""
+        # Counted from when it was due, so that the rate is right whatever the camera's is.
+        late_ns = now_ns - self._next_ns
+        self._next_ns = (self._next_ns if 0 <= late_ns < self._every_ns else now_ns) + self._every_ns
+        jpeg, (width, height) = encode_jpeg(small_picture(sighting, PICTURE_SIDE_PX), self._limit)
+        message = PictureMessage(captured_ns=sighting.captured_ns, width=width, height=height, jpeg=jpeg)
+        self._publisher.put(encode(message))
+
+
+PictureOutlet = LivePicture | VerdictClips | PostureOutlet
 """Receives the pictures of an observer at its own rate. is_due: called after each frame, and fast."""
 
 
 @contextmanager
 def shown_pictures(
-    scene: Scene,
-    observer_id: str,
-    observer: ObserverLike,
-    tracker: "PreparedTracker",
-    link: "Link",
-    preview: FilmPreview | None = None,
+    scene: Scene, observer_id: str, observer: ObserverLike, tracker: "PreparedTracker", link: "Link"
 ) -> Iterator[ObserverLike]:
     """The observer, with the outlets that its section switches on; the observer itself if there are none."""
     section, keys = scene.observer(observer_id), scene.keys
-    outlets: list[PictureOutlet] = [] if preview is None else [preview]
+    outlets: list[PictureOutlet] = []
     closing = ExitStack()
     if section.picture_hz:
         publisher = link.publisher(keys.picture(observer_id), priority="low")
@@ -100,25 +121,11 @@ class PicturedObserver(ObserverAround):
         skipped, self._before = posterior is None and tracks is self._before, tracks
         if due and not (skipped and now_ns - self._shown_ns < LONGEST_NS):
             self._shown_ns = now_ns
-            sighting = self._sighting(frame, tracks, posterior)
+            picture, parts = frame.content if frame.content.ndim == 3 else None, self._tracker.tracker.body_parts
+            sighting = Sighting(picture, tracks, parts, frame.captured_ns, self._extent.corners)
             for outlet in due:
                 self._show(outlet, sighting, now_ns)
         return posterior
-
-    def _sighting(self, frame: Frame, tracks: Tracks, posterior: Posterior | None) -> Sighting:
-        vocabulary, tracker, known = self.vocabulary, self._tracker.tracker, None
-        if posterior is not None and vocabulary is not None:
-            known = ShownPosterior(vocabulary.labels, posterior.p, posterior.rest)
-        return Sighting(
-            frame.content if frame.content.ndim == 3 else None,
-            tracks,
-            tracker.body_parts,
-            frame.captured_ns,
-            self._extent.corners,
-            known,
-            self.complaint,
-            getattr(tracker, "skin", None),
-        )
 
     def _show(self, outlet: PictureOutlet, sighting: Sighting, now_ns: int) -> None:
         try:

@@ -20,8 +20,7 @@ from common.wire import encode
 from observer.camera.files import Video
 from observer.preview import clip_folder
 from observer.preview.clip_folder import DAY_NS, MB, ClipFolder
-from observer.preview.clips import PENDING_CLIPS_LIMIT, VerdictClips
-from observer.preview.motion_jpeg import motion_jpeg
+from observer.preview.clips import PENDING_CLIPS_LIMIT, VerdictClips, motion_jpeg
 from observer.preview.shown_pictures import PicturedObserver
 from observer.preview.sight import Sighting
 from observer.preview.small_picture import encode_jpeg, small_picture

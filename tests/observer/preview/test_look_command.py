@@ -18,8 +18,7 @@ from observer.camera.live import LiveCamera
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.preview import commands, looking
-from observer.preview.commands import look
-from observer.preview.drawing import SIZE
+from observer.preview.commands import look, picture_lines
 from observer.preview.looking import LookReport, advice, report_lines
 from observer.tracking.head import have_cascade
 from observer.tracking.skin import SkinHistogram
@@ -50,7 +49,7 @@ def test_a_rendered_performer_is_seen_and_the_skin_is_saved(run, waving, tmp_pat
     assert "motion.npz: 640x480 px, 15 Hz as recorded, 24 pictures read" in output
     assert "head        seen" in output and "right hand  seen" in output and "skin " in output
     (written,) = PictureFolder.open(tmp_path / "look.png").pictures()
-    assert (written.shape[1], written.shape[0]) == SIZE
+    assert written.shape == (480, 640, 3)
     assert SkinHistogram.load(tmp_path / "skin.npz").skin.sum() == pytest.approx(1.0)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["look.png", "motion.npz", "skin.npz"]
 
@@ -195,8 +194,18 @@ def test_a_recorded_person_who_waves_is_seen(run, data, tmp_path):
     assert "wave.mp4: 420x420 px, 10 Hz as recorded, 25 pictures read" in output
     assert "right hand  seen" in output and "head        seen" in output
     marked = cv2.imread(str(tmp_path / "look.png"))
-    assert marked.shape == (SIZE[1], SIZE[0], 3)
+    assert marked.shape == (420, 420, 3)
     assert "nothing to do" in output
     # The right hand waves, on the left of the picture. Seen from behind it would be the left one.
     exchanged = run(data / "wave_webcam" / "wave.mp4", "--tracker", "camshift", "--view", "yaw:180", "--frames", 18)
     assert "the left hand is on the right hand's side in 100 % of the pictures: say from where" in exchanged
+
+
+@pytest.mark.parametrize(("exact", "red"), [(True, "2;255;0;0"), (False, "5;196")])
+def test_a_picture_in_the_terminal_keeps_its_shape_and_colours(exact, red):
+    picture = np.zeros((120, 160, 3), np.uint8)
+    picture[:60, :, 2] = 255
+    lines = picture_lines(picture, 40, 100, exact=exact)
+    assert len(lines) == 15 and all(len(re.findall("▀", line)) == 40 for line in lines)
+    assert lines[0].startswith(f"\x1b[38;{red};48;{red}m") and red not in lines[-1] and lines[0].endswith("\x1b[0m")
+    assert len(picture_lines(picture, 200, 9)) == 9
