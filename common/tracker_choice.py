@@ -16,10 +16,7 @@ MESH_KEY = "zenoh:"
 """Prefix of a source that is a key on the mesh, under which another program publishes tracks."""
 PHONE = "phone"
 """A source whose tracks a phone finds in the pictures of its camera, and sends through `labanmesh phone`."""
-POSE_TRACKERS = ("mediapipe", "onnx")
-"""Trackers with a pose model."""
-PICTURE_TRACKERS = ("camshift", *POSE_TRACKERS)
-ONNX = ".onnx"
+PICTURE_TRACKERS = ("camshift", "mediapipe")
 INSTALL_MEDIAPIPE = "pip install 'labanmesh[mediapipe]'"
 CARRIED_MODEL = "modules/pose_landmark/pose_landmark_full.tflite"
 """The pose model in mediapipe's folder, up to version 0.10.21."""
@@ -63,7 +60,7 @@ def chosen_tracker(section: ObserverConfig) -> TrackerChoice:
 def _for_pictures(section: ObserverConfig) -> TrackerChoice:
     """The only tracker that reads a setting of the section; else mediapipe, if it is installed with a model."""
     if section.pose_model:
-        return TrackerChoice("onnx" if section.pose_model.endswith(ONNX) else "mediapipe", "pose_model is set")
+        return TrackerChoice("mediapipe", "pose_model is set")
     if section.skin or section.face:
         return TrackerChoice("camshift", f"{'skin' if section.skin else 'face'} is set")
     lacks = mediapipe_lacks()

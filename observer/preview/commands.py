@@ -35,10 +35,10 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 def look(
     source: Annotated[str, typer.Argument(help="Webcam (0), address, video, folder of pictures, or motion archive.")],
-    tracker: Annotated[str, typer.Option(help="auto, mediapipe, onnx or camshift.")] = "auto",
+    tracker: Annotated[str, typer.Option(help="auto, mediapipe or camshift.")] = "auto",
     output: Annotated[Path, typer.Option("-o", "--output", help="The picture to write.")] = Path("look.png"),
     frames: Annotated[int, typer.Option(min=1, max=10**9, help="Pictures to track; the newest is written.")] = 30,
-    pose_model: Annotated[str, typer.Option(help="The model file of mediapipe (.task) or onnx (.onnx).")] = "",
+    pose_model: Annotated[str, typer.Option(help="The model file of mediapipe (.task).")] = "",
     skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
     face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,

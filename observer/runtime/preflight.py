@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 from common.config import ObserverConfig, Scene, read_scene
 from common.errors import LabanmeshError
 from common.text import without_secrets
-from common.tracker_choice import POSE_TRACKERS, STANDARD_INPUT, chosen_tracker, content_of
+from common.tracker_choice import STANDARD_INPUT, chosen_tracker, content_of
 
 if TYPE_CHECKING:
     from observer.geometry.views import View
@@ -87,8 +87,13 @@ def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult
     from observer.geometry.picture_size import scale_note
     from observer.runtime.scene_inputs import open_inputs
 
-    if tracker in POSE_TRACKERS:
-        _check_pose_model(scene, section, result, tracker)
+    if tracker == "mediapipe":
+        if find_spec("mediapipe") is None:
+            result.lacks.append("mediapipe")
+        elif section.pose_model and not scene.place(section.pose_model).is_file():
+            result.faults.append(
+                f"pose_model = {section.pose_model!r}: no such file; a pose landmarker .task file is expected"
+            )
         section = section.model_copy(update={"tracker": "camshift", "face": (0, 0, 1, 1)})
         scene = scene.model_copy(update={"observers": {**scene.observers, result.observer: section}})
     if section.source == STANDARD_INPUT:
@@ -101,19 +106,6 @@ def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult
     if inputs and inputs.pictures and size_px and (note := scale_note(inputs.view, size_px)):
         result.doubts.append(note)
     return inputs.source.rate_hz if inputs and inputs.at_own_rate else None
-
-
-def _check_pose_model(scene: Scene, section: ObserverConfig, result: PreflightResult, tracker: str) -> None:
-    if tracker == "onnx":
-        from observer.tracking.onnx_file import read_signature
-
-        result.attempt(lambda: read_signature(scene.place(section.pose_model)))
-    elif find_spec("mediapipe") is None:
-        result.lacks.append("mediapipe")
-    elif section.pose_model and not scene.place(section.pose_model).is_file():
-        result.faults.append(
-            f"pose_model = {section.pose_model!r}: no such file; a pose landmarker .task file is expected"
-        )
 
 
 def _check_model(

@@ -46,15 +46,6 @@ def _mediapipe(settings: TrackerSettings) -> Tracker:
     return MediapipeTracker(path, section.hand, WHOLE_BODY, rule, settings.smooth)
 
 
-def _onnx(settings: TrackerSettings) -> Tracker:
-    from observer.tracking.onnx_pose import OnnxTracker
-    from observer.tracking.people import FollowRule
-
-    section = settings.section
-    path = str(settings.place(section.pose_model)) if section.pose_model else ""
-    return OnnxTracker(path, section.hand, WHOLE_BODY, FollowRule(section.follow, section.follow_near))
-
-
 def _foreign(settings: TrackerSettings) -> Tracker:
     if settings.most > 1:
         return ForeignPeople(settings.recorded, settings.most)
@@ -67,7 +58,6 @@ TRACKERS: Mapping[str, TrackerKind] = {
         TrackerKind("projected", "positions", _projected),
         TrackerKind("camshift", "pictures", _camshift, BODY_PARTS),
         TrackerKind("mediapipe", "pictures", _mediapipe, WHOLE_BODY),
-        TrackerKind("onnx", "pictures", _onnx, WHOLE_BODY),
         TrackerKind("foreign", "tracks", _foreign),
     )
 }

@@ -48,7 +48,6 @@ def test_pictures_get_the_best_tracker_that_is_here(installed, model, name, reas
         ({"skin": "skin.npz"}, "camshift", "skin is set"),
         ({"face": (0, 0, 9, 9)}, "camshift", "face is set"),
         ({"pose_model": "p.task"}, "mediapipe", "pose_model is set"),
-        ({"pose_model": "p.onnx"}, "onnx", "pose_model is set"),
         ({"source": "m.npz"}, "projected", "positions"),
         ({"source": "zenoh:k"}, "foreign", "tracks"),
         ({"tracker": "camshift"}, "camshift", ""),

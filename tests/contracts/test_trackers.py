@@ -5,7 +5,6 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-import onnx_stage
 import pytest
 
 from common.config import ObserverConfig
@@ -58,12 +57,8 @@ def kind(request):
 
 
 @pytest.fixture
-def settings(kind, tmp_path):
-    model = tmp_path / "spots.onnx"
-    if kind.name == "onnx":
-        model.write_bytes(onnx_stage.simcc())
-    section = ObserverConfig(source="0", pose_model=str(model) if kind.name == "onnx" else "")
-    return TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, section, Path)
+def settings():
+    return TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path)
 
 
 @pytest.fixture
@@ -87,13 +82,7 @@ def test_an_empty_picture_has_no_seen_part(kind, tracker):
         assert np.isnan(tracks.centres).all() and State.SEEN not in tracks.states
 
 
-def of_people(kind):
-    if kind.name == "onnx":
-        pytest.skip("the model of these tests finds spots of colour, not people")
-
-
 def test_a_lost_part_is_never_at_the_origin(kind, tracker):
-    of_people(kind)
     frames = contents(kind.reads)
     for tracks in updated(tracker, [*frames, *[NOTHING[kind.reads]] * 30, *frames]):
         assert not (tracks.centres == 0).all(axis=1).any()
@@ -107,7 +96,6 @@ def test_the_same_frames_give_the_same_tracks(kind, tracker, settings):
 
 def test_the_right_hand_is_left_of_the_head_in_the_picture(kind, tracker):
     """An unmirrored picture from the door shows the performer's right hand on its left."""
-    of_people(kind)
     if not {"right_hand", "head"} <= {*tracker.body_parts}:
         pytest.skip("it does not look for both")
     hand, head = map(list(tracker.body_parts).index, ("right_hand", "head"))

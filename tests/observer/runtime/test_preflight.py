@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import onnx_stage
 import pytest
 from performances import DOOR
 from processes import SOON_S
@@ -92,16 +91,6 @@ def test_mediapipe_is_not_started(preflight, monkeypatch):
     assert "gone.task" in fault
     (fault,) = preflight('source = "gone.mp4"\ntracker = "mediapipe"').faults
     assert "gone.mp4: no such file" in fault
-
-
-def test_a_pose_model_in_an_onnx_file_is_read(preflight, place):
-    (fault,) = preflight('source = "97"\ntracker = "onnx"').faults
-    assert 'pose_model = "FILE.onnx"' in fault
-    (place / "pose.onnx").write_bytes(b"no model")
-    result = preflight('source = "97"\npose_model = "pose.onnx"')
-    assert "not an ONNX file" in result.faults[0] and result.tracker == "onnx (pose_model is set)"
-    (place / "pose.onnx").write_bytes(onnx_stage.yolo())
-    assert preflight('source = "97"\npose_model = "pose.onnx"').faults == []
 
 
 def test_a_plain_install_names_the_missing_packages(place):
