@@ -58,7 +58,6 @@ Position = Annotated[int, Field(ge=-16_384, le=16_384)]
 Metres = Annotated[float, Field(ge=-10_000, le=10_000)]
 Degrees = Annotated[float, Field(ge=-36_000, le=36_000, examples=[90.0])]
 ClipSeconds = Annotated[float, Field(ge=0, le=30)]
-Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field(strict=False)]
 
 
 Place = Annotated[tuple[Metres, ...], Field(strict=False, min_length=2, max_length=3, examples=[[0.5, 2.0]])]
@@ -118,13 +117,11 @@ class PersonConfig(Section):
 class VirtualConfig(Section):
     """[observers.ID.virtual]: the room and camera that render recorded motion for a tracker of pictures.
 
-    occluders: rows of left, top, width, height (shares of the picture), first and last second of the
-    motion. The same seed gives the same pictures.
+    The same seed gives the same pictures.
     """
 
     background: Literal["plain", "cluttered", "skin_toned"] = "plain"
     noise: Annotated[float, Field(ge=0, le=64)] = 2.0
-    occluders: Annotated[tuple[Occlusion, ...], Field(strict=False, examples=[[[0.3, 0.2, 0.4, 0.5, 1, 2]]])] = ()
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
 
 

@@ -1,6 +1,5 @@
-"""Everything in a rendered picture except the performer: background, noise and occlusion."""
+"""Everything in a rendered picture except the performer: background and noise."""
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -8,53 +7,33 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
-from observer.rendering.canvas import NOBODY_VALUE, Canvas, Picture
+from observer.rendering.canvas import Picture
 from observer.rendering.figure import Bgr
 
 BACKGROUNDS = ("plain", "cluttered", "skin_toned")
 """A bare wall; shelves and boxes of many colours, none like skin; a beige wall and wood with hues near skin."""
 
 
-@dataclass(frozen=True, slots=True)
-class Occluder:
-    """A box in front of the performer in frames first..end-1; left, top, width, height: shares of the picture."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-    first: int = 0
-    end: int = 2**62
-
-    def covers(self, frame_number: int) -> bool:
-        """Whether the box is present in that frame."""
-        return self.first <= frame_number < self.end
+MOST_NOISE_LEVELS = 64.0
+"""Of 255 grey levels."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scenery:
     """Everything except the performer; by default a plain wall and a perfect camera.
 
-    noise: standard deviation of each pixel and channel, grey levels, 0 to 64. Raises BadInput for an unknown background
-    and for a number out of range.
+    noise: standard deviation of each pixel and channel, grey levels. Raises BadInput for an unknown background and for
+    noise out of range.
     """
 
     background: str = "plain"
     noise: float = 0.0
-    occluders: tuple[Occluder, ...] = ()
 
     def __post_init__(self) -> None:
         if self.background not in BACKGROUNDS:
             raise BadInput(f"background = {self.background!r}: unknown background; known: {', '.join(BACKGROUNDS)}")
-        _check_range("noise", self.noise, 64.0)
-        for occluder in self.occluders:
-            for name in ("left", "top", "width", "height"):
-                _check_range(f"occluder's {name}", getattr(occluder, name), 1.0)
-
-
-def _check_range(name: str, value: float, most: float) -> None:
-    if not (math.isfinite(value) and 0.0 <= value <= most):
-        raise BadInput(f"{name} = {value}: 0 to {most:g} is expected")
+        if not 0.0 <= self.noise <= MOST_NOISE_LEVELS:
+            raise BadInput(f"noise = {self.noise}: 0 to {MOST_NOISE_LEVELS:g} is expected")
 
 
 _HORIZON = 0.8  # upper edge of the floor, share of the picture's height
@@ -167,24 +146,7 @@ def _wash(width: int, height: int, colour: Bgr, fall: float) -> Picture:
 
 
 GRAIN = 4  # key of the random stream, after the seed
-BOX_COLOURS = ((92, 70, 48), (116, 92, 66))
 _TILE = 61  # largest shift of the grain in px, so that no pattern repeats visibly
-
-
-def occlude(canvas: Canvas, scenery: Scenery, frame_number: int) -> None:
-    """Draw the occluders of that frame over everything: bluish stripes, independent of the seed."""
-    rows, columns = canvas.owner.shape
-    for box in scenery.occluders:
-        if not box.covers(frame_number):
-            continue
-        left, right = round(box.left * columns), round((box.left + box.width) * columns)
-        top, bottom = round(box.top * rows), round((box.top + box.height) * rows)
-        if left >= right or top >= bottom:
-            continue
-        canvas.owner[top:bottom, left:right] = NOBODY_VALUE
-        canvas.picture[top:bottom, left:right] = BOX_COLOURS[0]
-        for y in range(top, min(bottom, rows), 12):
-            canvas.picture[y : min(y + 4, bottom), left:right] = BOX_COLOURS[1]
 
 
 def add_noise(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:

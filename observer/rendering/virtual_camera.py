@@ -16,7 +16,7 @@ from observer.motion.playback import RecordedMotion
 from observer.rendering.body import Stature, pose, stature
 from observer.rendering.canvas import NOBODY_VALUE, Canvas, Picture, PinholeCamera, draw
 from observer.rendering.figure import Appearance, appearance_of, shapes
-from observer.rendering.scenery import Scenery, add_noise, background, occlude
+from observer.rendering.scenery import Scenery, add_noise, background
 from observer.tracks import BODY_PARTS, Frame
 
 
@@ -52,7 +52,6 @@ class Renderer:
     def picture(self, positions: Floats, frame_number: int) -> Picture:
         """(P, 3) left hand, right hand, head in metres, NaN for parts that are not drawn -> (H, W, 3) BGR."""
         canvas = self._drawn(np.asarray(positions, dtype=np.float64))
-        occlude(canvas, self._scenery, frame_number)
         return add_noise(canvas.picture, self._scenery, self._seed, frame_number)
 
     def _drawn(self, positions: Floats) -> Canvas:

@@ -179,19 +179,11 @@ def _require_shown(motion: RecordedMotion, view: View, key: str, pictures: bool)
 
 def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig) -> FrameSource:
     # OpenCV is loaded only by observers that need pictures.
-    from observer.rendering.scenery import Occluder, Scenery
+    from observer.rendering.scenery import Scenery
     from observer.rendering.virtual_camera import VirtualCamera
 
-    room, rate_hz = section.virtual, motion.rate_hz
-    scenery = Scenery(
-        background=room.background,
-        noise=room.noise,
-        occluders=tuple(
-            Occluder(left, top, width, height, round(begin_s * rate_hz), round(end_s * rate_hz))
-            for left, top, width, height, begin_s, end_s in room.occluders
-        ),
-    )
-    return VirtualCamera(motion, view, section.size_px or view.size_px or SIZE_PX, scenery, room.seed)
+    room, size_px = section.virtual, section.size_px or view.size_px or SIZE_PX
+    return VirtualCamera(motion, view, size_px, Scenery(room.background, room.noise), room.seed)
 
 
 def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: Start) -> FrameSource:

@@ -7,7 +7,6 @@ import numpy as np
 from observer.rendering.body import pose, stature
 from observer.rendering.canvas import NEAREST, NOBODY_VALUE
 from observer.rendering.figure import SkinEllipsoid, shapes
-from observer.rendering.scenery import occlude
 from observer.tracks import BODY_PARTS
 
 
@@ -22,10 +21,9 @@ class Truth:
         return self.shares >= share
 
 
-def visible_truth(renderer, positions, number):
-    """As `Renderer.picture`."""
+def visible_truth(renderer, positions):
+    """As `Renderer.picture`, before noise."""
     canvas = renderer._drawn(positions)
-    occlude(canvas, renderer._scenery, number)
     parts = np.arange(len(BODY_PARTS))
     counts = np.bincount(canvas.owner.ravel(), minlength=NOBODY_VALUE + 1)[parts]
     shares = np.minimum(counts / np.maximum(outline_areas(renderer, positions), 1.0), 1.0)

@@ -11,7 +11,7 @@ from rendered_truth import visible_truth
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
 from observer.rendering.body import Stature
 from observer.rendering.figure import SKIN_TONES, appearance_of
-from observer.rendering.scenery import BACKGROUNDS, Occluder, Scenery
+from observer.rendering.scenery import BACKGROUNDS, Scenery
 from observer.rendering.virtual_camera import Renderer
 
 LEFT, RIGHT, HEAD = range(3)
@@ -48,7 +48,7 @@ def with_(part, place, positions=APART):
     return changed
 
 
-FULL = {"noise": 5.0, "occluders": (Occluder(0.1, 0.1, 0.2, 0.2),)}
+FULL = {"noise": 5.0}
 
 
 @pytest.mark.parametrize("background", BACKGROUNDS)
@@ -69,7 +69,7 @@ def test_hands_are_drawn_at_their_projections(yaw_deg):
         view = renderer(yaw_deg, seed=seed)
         centres, _ = blobs(view.picture(APART, 0))
         wanted = project(camera(yaw_deg), APART)
-        truth = visible_truth(view, APART, 0)
+        truth = visible_truth(view, APART)
         np.testing.assert_allclose(truth.centres, wanted, atol=1e-9)
         for hand in (LEFT, RIGHT):
             if truth.shares[hand] > 0.85:
@@ -82,7 +82,7 @@ def test_hands_are_drawn_at_their_projections(yaw_deg):
 def test_a_free_hand_is_drawn_at_its_projection(place, yaw_deg, pitch_deg):
     positions = with_(RIGHT, place)
     view = renderer(yaw_deg, pitch_deg)
-    truth = visible_truth(view, positions, 0)
+    truth = visible_truth(view, positions)
     if truth.shares[RIGHT] > 0.9:
         centres, _ = blobs(view.picture(positions, 0))
         gap = np.linalg.norm(centres - project(camera(yaw_deg, pitch_deg), positions)[RIGHT], axis=1).min()
@@ -138,7 +138,7 @@ def test_only_skin_has_the_colour_of_skin(seed):
 )
 def test_occlusion(hand, position, yaw_deg, hand_share, head_share):
     positions = with_(hand, position)
-    truth = visible_truth(renderer(yaw_deg), positions, 0)
+    truth = visible_truth(renderer(yaw_deg), positions)
     for part, (least, most) in ((hand, hand_share), (HEAD, head_share)):
         assert least <= truth.shares[part] <= most
         assert np.isnan(truth.centres[part]).all() == (truth.shares[part] == 0)
@@ -150,7 +150,7 @@ def test_occlusion(hand, position, yaw_deg, hand_share, head_share):
 def test_an_unseen_part_is_not_drawn(part):
     view = renderer(appearance=appearance_of(5))
     positions = with_(part, np.nan)
-    truth = visible_truth(view, positions, 0)
+    truth = visible_truth(view, positions)
     assert truth.shares[part] == 0 and np.isnan(truth.centres[part]).all()
     assert truth.visible().sum() == 2
     centres, _ = blobs(view.picture(positions, 0))
@@ -160,7 +160,7 @@ def test_an_unseen_part_is_not_drawn(part):
 def test_an_unseen_person_leaves_the_background():
     empty = renderer().picture(UNSEEN, 0)
     assert (empty == renderer(90.0).picture(UNSEEN, 0)).all() and (empty != renderer().picture(APART, 0)).any()
-    assert not visible_truth(renderer(), UNSEEN, 0).visible().any()
+    assert not visible_truth(renderer(), UNSEEN).visible().any()
 
 
 def test_noise_has_its_deviation_and_differs_between_frames():
@@ -172,25 +172,11 @@ def test_noise_has_its_deviation_and_differs_between_frames():
     assert abs(across) < 0.1
 
 
-def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
-    u, v = project(camera(), APART)[RIGHT] / SIZE
-    view = renderer(occluders=(Occluder(u - 0.1, v - 0.1, 0.2, 0.2, first=5, end=8),))
-    hidden = [not visible_truth(view, APART, frame).visible()[RIGHT] for frame in range(10)]
-    assert hidden == [5 <= frame < 8 for frame in range(10)]
-    clean = renderer().picture(APART, 0)
-    rows, columns = np.nonzero((view.picture(APART, 6) != clean).any(axis=2))
-    assert (columns.min(), columns.max()) == pytest.approx(((u - 0.1) * 640, (u + 0.1) * 640), abs=2)
-    assert (rows.min(), rows.max()) == pytest.approx(((v - 0.1) * 480, (v + 0.1) * 480), abs=2)
-    assert (view.picture(APART, 8) == clean).all()
-    assert visible_truth(view, APART, 6).visible()[LEFT]
-
-
 def test_invalid_arguments_are_rejected_with_one_line():
     wrong = [
         lambda: Scenery(background="forest"),
         lambda: Scenery(noise=-1.0),
         lambda: Scenery(noise=float("nan")),
-        lambda: Scenery(occluders=(Occluder(0.0, 0.0, 2.0, 0.5),)),
         lambda: Renderer(parallel_matrix(0.0, 0.0)),
         lambda: Renderer(np.eye(3)),
         lambda: Renderer(np.zeros((3, 4))),

@@ -58,7 +58,7 @@ def test_the_renderer_of_a_recording_gives_the_ground_truth():
     renderer = source.renderer(played)
     for number, picture in enumerate(pictures(source)):
         np.testing.assert_array_equal(renderer.picture(played.positions[number], number), picture)
-        assert visible_truth(renderer, played.positions[number], number).visible().all()
+        assert visible_truth(renderer, played.positions[number]).visible().all()
 
 
 def test_the_performers_position_does_not_matter():
@@ -110,7 +110,7 @@ def test_recorded_people_are_in_the_picture(msr, view):
     for number, recorded in enumerate(msr.recordings[::80]):
         source = camera(recorded, view=view, scenery=Scenery(BACKGROUNDS[number % 3], noise=3.0))
         renderer = source.renderer(recorded)
-        truths = [visible_truth(renderer, positions, 0) for positions in recorded.positions[::20]]
+        truths = [visible_truth(renderer, positions) for positions in recorded.positions[::20]]
         seen = np.isfinite(recorded.positions[::20]).all(axis=2)
         assert np.mean([truth.shares[2] > 0.3 for truth, known in zip(truths, seen, strict=True) if known[2]]) > 0.8
         assert renderer.picture(recorded.positions[0], 0).shape == (480, 640, 3)

@@ -59,13 +59,6 @@ def test_a_picture_tracker_gets_a_virtual_camera(opened):
     assert inputs.tracker.update(frames[0]).centres.shape == (3, 2)
 
 
-def test_an_occluder_is_there_only_in_its_seconds(opened):
-    rows = "[[0, 0, 1, 1, 0.1, 0.2]]"
-    inputs = opened(f'tracker = "camshift"\nspeed = 0\n[observers.cam1.virtual]\nnoise = 0\noccluders = {rows}')
-    before, hidden = (frame.content for frame in inputs.source.frames(threading.Event()))
-    assert (before != hidden).any(axis=2).mean() > 0.9
-
-
 FEET = (*BODY_PARTS, "left_foot", "right_foot")
 
 
