@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
 from common.files import read_toml
-from observer.camera.capture import silence_opencv
-from observer.camera.files import read_picture
+from observer.camera.files import PICTURES, PictureFolder, Video
 from observer.geometry.projection import Floats
 
 BOARD_FORMS = (
@@ -145,42 +144,21 @@ def _square_cm(path: Path, keys: _BoardFileKeys) -> float:
 
 Picture = NDArray[np.uint8]
 
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-
 
 def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]:
     """Number from 0, label and (H, W, 3) BGR of each `every`-th picture; raises BadInput for an unreadable source."""
-    if source.is_dir():
-        files = sorted(file for file in source.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES)
-        if not files:
-            raise BadInput(f"{source}: no pictures in this folder ({', '.join(PICTURE_SUFFIXES)})")
-        yield from ((n, file.name, read_picture(file)) for n, file in enumerate(files) if n % every == 0)
-    elif not source.exists():
+    if not source.exists():
         raise BadInput(f"{source}: no such file; give a video, a picture or a folder of pictures for each camera")
-    elif source.suffix.lower() in PICTURE_SUFFIXES:
-        yield 0, source.name, read_picture(source)
-    else:
-        yield from _video(source, every)
+    opened = Video.open(source) if is_video(source) else PictureFolder.open(source)
+    for each in opened.played(lambda number: number % every > 0):
+        if each.number % every == 0:
+            label = f"frame {each.number}" if isinstance(opened, Video) else opened.files[each.number].name
+            yield each.number, label, each.picture
 
 
 def is_video(source: Path) -> bool:
     """Whether the source is a video, whose pictures follow each other closely."""
-    return not source.is_dir() and source.suffix.lower() not in PICTURE_SUFFIXES
-
-
-def _video(path: Path, every: int) -> Iterator[tuple[int, str, Picture]]:
-    silence_opencv()
-    video, number = cv2.VideoCapture(str(path)), 0
-    try:
-        while video.grab():
-            good, picture = video.retrieve() if number % every == 0 else (False, None)
-            if good and picture is not None:
-                yield number, f"frame {number}", picture.astype(np.uint8, copy=False)
-            number += 1
-    finally:
-        video.release()
-    if number == 0:
-        raise BadInput(f"{path}: not a video that OpenCV can read; convert it, e.g. to .mp4 with H.264")
+    return not source.is_dir() and source.suffix.lower() not in PICTURES
 
 
 DETECTED, PROJECTED, TEXT = (80, 220, 0), (0, 0, 255), (255, 255, 255)

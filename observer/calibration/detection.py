@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.calibration.board import Board, Charuco, Chessboard, Picture
+from observer.camera.base import size_of
 from observer.geometry.projection import Floats
 
 FEWEST_CORNERS = 6
@@ -54,16 +55,11 @@ def find_boards(
 ) -> CameraDetections:
     """Detect the board in each picture (number, label, picture); step: as in CameraDetections.
 
-    Raises BadInput for pictures of different sizes, for no pictures and for an unknown board.
+    Raises BadInput for no pictures and for an unknown board.
     """
     detect, size, boards, count = detector(board), None, [], 0
     for number, label, picture in numbered:
-        height, width = picture.shape[:2]
-        size = size or (width, height)
-        if size != (width, height):
-            raise BadInput(
-                f"{name}: {label} is {width}x{height}, the first {size[0]}x{size[1]}; all pictures need one size"
-            )
+        size = size_of(picture)
         corners = detect(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False))
         if corners is not None and len(corners[0]) >= FEWEST_CORNERS and not _collinear(board.points[corners[0]]):
             boards.append(BoardDetection(number, label, *corners))

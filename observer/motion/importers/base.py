@@ -4,9 +4,10 @@ import io
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from common.errors import BadInput
 from common.text import plural
 from observer.motion.archive import LARGEST, MotionArchive
 
+T = TypeVar("T")
 Progress = Callable[[int, int], None]
 """Called with the number of files or recordings done, and their total."""
 
@@ -48,6 +50,14 @@ def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
     if not files:
         raise BadInput(f"{path}: nothing to import here; {what} expected")
     return tuple(files)
+
+
+def counted(items: Iterable[T], total: int, progress: Progress | None) -> Iterator[T]:
+    """The items; after each one `progress` is called."""
+    for done, item in enumerate(items, 1):
+        yield item
+        if progress:
+            progress(done, total)
 
 
 def require_same_parts(file: Path, parts: tuple[str, ...], first_file: Path, first: tuple[str, ...]) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
-from observer.motion.importers.base import ImportResult, Progress, files_at, rate_from
+from observer.motion.importers.base import ImportResult, Progress, counted, files_at, rate_from
 from observer.motion.importers.bvh_file import BvhMotion, Floats, Joint, joint_positions, read_bvh
 from observer.tracks import WHOLE_BODY
 
@@ -56,7 +56,7 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
     files = files_at(path, "*.[bB][vV][hH]", ".bvh files")
     recordings, parts_of_files = [], []
     assumed: Counter[str] = Counter()
-    for number, file in enumerate(files, 1):
+    for file in counted(files, len(files), progress):
         label, trial = _named(file)
         motion = read_bvh(file)
         parts = _joints_of_parts(motion.joints, file)
@@ -66,8 +66,6 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
         recordings.append(recording)
         parts_of_files.append(tuple(parts))
         assumed.update(notes)
-        if progress:
-            progress(number, len(files))
     lines = tuple(f"{text} ({count} of {len(files)} files)" for text, count in assumed.items())
     common = tuple(part for part in parts_of_files[0] if all(part in parts for parts in parts_of_files))
     recordings = [

@@ -18,6 +18,7 @@ from observer.motion.archive import ARCHIVE_LABEL_RULE, MotionArchive, Recording
 from observer.motion.importers.base import (
     ImportResult,
     Progress,
+    counted,
     files_at,
     finite_number,
     rate_from,
@@ -49,11 +50,9 @@ def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
     """
     files = files_at(path, "*.[cC][sS][vV]", ".csv files")
     tables: list[MotionArchive] = []
-    for number, file in enumerate(files, 1):
+    for file in counted(files, len(files), progress):
         tables.append(_table(file))
         require_same_parts(file, tables[-1].body_parts, files[0], tables[0].body_parts)
-        if progress:
-            progress(number, len(files))
     return ImportResult(MotionArchive(tables[0].body_parts, tuple(r for table in tables for r in table.recordings)))
 
 

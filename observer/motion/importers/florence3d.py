@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import LARGEST, MotionArchive, Recording, check_recording, clean_label
-from observer.motion.importers.base import ImportResult, Progress
+from observer.motion.importers.base import ImportResult, Progress, counted
 from observer.tracks import WHOLE_BODY
 
 FLORENCE_HZ = 10.0
@@ -42,7 +42,7 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
     clips = _variable(folder / _DATA, "skeletal_data")
     trials: Counter[tuple[str, str]] = Counter()
     recordings = []
-    for number, clip in enumerate(clips, 1):
+    for number, clip in enumerate(counted(clips, len(clips), progress), 1):
         place = f"{folder / _DATA}: clip {number}"
         label = labels[_number(clip, "action", len(labels), place) - 1]
         subject = str(_number(clip, "subject", _SUBJECTS, place))
@@ -50,8 +50,6 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
         recording = Recording(_positions(clip, place), FLORENCE_HZ, label, subject, str(trials[label, subject]))
         check_recording(recording, len(FLORENCE_PARTS), place)
         recordings.append(recording)
-        if progress:
-            progress(number, len(clips))
     note = f"took {FLORENCE_HZ:.0f} Hz as the sampling rate, which is not stated in the data"
     return ImportResult(MotionArchive(FLORENCE_PARTS, tuple(recordings)), (note,))
 

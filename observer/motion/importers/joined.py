@@ -5,7 +5,7 @@ from pathlib import Path
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
-from observer.motion.importers.base import ImportResult, Progress, files_at, require_same_parts
+from observer.motion.importers.base import ImportResult, Progress, counted, files_at, require_same_parts
 from observer.motion.projected import require_same_camera
 
 
@@ -18,15 +18,13 @@ def import_archives(path: Path, progress: Progress | None = None) -> ImportResul
     files = files_at(path, "*.npz", "motion archives (.npz)")
     archives: list[MotionArchive] = []
     places: dict[tuple[str, str, str], Path] = {}
-    for number, file in enumerate(files, 1):
+    for file in counted(files, len(files), progress):
         archive = read_archive(file)
         archives.append(archive)
         require_same_parts(file, archive.body_parts, files[0], archives[0].body_parts)
         require_same_camera(archives[0], archive, str(file))
         for recording in archive.recordings:
             _require_new(recording, file, places)
-        if progress:
-            progress(number, len(files))
     recordings = tuple(recording for archive in archives for recording in archive.recordings)
     return ImportResult(MotionArchive(archives[0].body_parts, recordings, archives[0].camera))
 

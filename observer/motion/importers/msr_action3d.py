@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording
-from observer.motion.importers.base import ImportResult, Progress, files_at, number_rows, read_text
+from observer.motion.importers.base import ImportResult, Progress, counted, files_at, number_rows, read_text
 from observer.tracks import WHOLE_BODY
 
 MSR_LABELS = (
@@ -46,7 +46,7 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
     recordings: list[Recording] = []
     notes: list[str] = []
     paths: dict[str, Path] = {}
-    for number, file in enumerate(files, 1):
+    for file in counted(files, len(files), progress):
         if paths.setdefault(file.name, file) != file:
             raise BadInput(f"{file}: the same sequence as {paths[file.name]}; each is expected once")
         name = _named(file)
@@ -58,8 +58,6 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
             recording = Recording(positions, MSR_HZ, *name)
             check_recording(recording, len(MSR_PARTS), str(file))
             recordings.append(recording)
-        if progress:
-            progress(number, len(files))
     if not recordings:
         raise BadInput(f"{path}: nothing remains: more than {100 * MOST_EMPTY:.0f} % of every sequence is empty frames")
     return ImportResult(MotionArchive(MSR_PARTS, tuple(recordings)), tuple(notes))
