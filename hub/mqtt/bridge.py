@@ -135,8 +135,6 @@ class SceneBridge:
         if labels != self._labels or facets != self._facets or not self._discovery:
             self._labels, self._facets = labels, facets
             self._discovery = discovery(self.topics, self._scene, labels, self._movements, facets)
-            self._of_movements |= self.topics.of_labels(labels, self._movements)
-        self._of_movements |= self.counters.topics
         return self._discovery
 
     @property
@@ -150,10 +148,11 @@ class SceneBridge:
         return sorted(set(self._wanted_movements) - {ALL} - set(labels)) if labels else []
 
     def _removals(self, wanted: Collection[str]) -> dict[str, RetainedState]:
-        """An empty message for whatever belongs to a movement that the vocabulary has no more.
+        """An empty message for whatever was published for a movement that the vocabulary has no more.
 
         They stay due on every new connection, because a broker may come back with an old state.
         """
+        self._of_movements |= frozenset(filter(self.topics.is_of_movement, wanted))
         if not self._labels:
             return {}
         return {topic: RetainedState("") for topic in self._of_movements if topic not in wanted}

@@ -73,25 +73,15 @@ class Counters:
             tally.reset(target)
         return True
 
-    @property
-    def topics(self) -> frozenset[str]:
-        """Those of its retained messages."""
-        own = [self._topics.count(label) for label in self._tallies]
-        return frozenset(
-            [*own, *(self._topics.count_part(part, each) for part in COUNT_PARTS for each in self._tallies)]
-        )
-
     def retained(self, area: str) -> dict[str, RetainedState]:
         """The discovery messages and the states."""
         states = {}
         for label, tally in self._tallies.items():
             fields = self._fields(tally)
             states[self._topics.count(label)] = RetainedState(json.dumps(fields), fields["count"], FAST_S)
-            for entity in self._entities(label):
-                topic, payload = entity.discovery(self._topics, area)
-                states[topic] = RetainedState(payload)
-        if self._tallies:
-            topic, payload = self._event().discovery(self._topics, area)
+        entities = [entity for label in self._tallies for entity in self._entities(label)]
+        for entity in (*entities, *([self._event()] if entities else [])):
+            topic, payload = entity.discovery(self._topics, area)
             states[topic] = RetainedState(payload)
         return states
 

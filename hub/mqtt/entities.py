@@ -37,6 +37,8 @@ FIRST_WORD = "{{ value_json.event_type if value_json.stage == 'decided' else '' 
 """The movement of an event `verdict`, if it is the first word on it."""
 COUNT_PARTS: Mapping[str, str] = {"sensor": "COUNT", "number": "TARGET", "button": "RESET"}
 """The entities that count a movement, and what each is in their ids."""
+OF_MOVEMENTS = (("device_automation", RECOGNISED), ("binary_sensor", DOES), *COUNT_PARTS.items())
+"""What a movement has of its own: component, and what it is in the ids."""
 SceneTopic = Literal[
     "availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict", "target", "fallen", "fall",
     "last_event", "person",
@@ -90,38 +92,28 @@ class Topics:
         """`ON` from the decision to the end of this movement."""
         return f"{self.root}/movement/{label}"
 
-    def trigger(self, label: str) -> str:
-        """The discovery message of the device trigger of this movement."""
-        return f"{self.discovery}/device_automation/{self.device()}_{RECOGNISED}_{label}/config"
-
-    @property
-    def of_movements(self) -> tuple[str, ...]:
-        """A topic filter for each kind of retained message that a movement has of its own; they end with its label."""
-        kinds = ("device_automation", "binary_sensor", *COUNT_PARTS)
-        return *(f"{self.discovery}/{kind}/+/config" for kind in kinds), self.movement("+"), self.count("+")
-
-    def is_of_movement(self, topic: str) -> bool:
-        """Whether the retained message under `topic` belongs to one movement of this scene."""
-        counts = (self.count_part(component, "") for component in COUNT_PARTS)
-        own = self.trigger(""), self.sensor(""), self.movement(""), self.count(""), *counts
-        return topic.startswith(tuple(each.removesuffix("/config") for each in own))
-
-    def of_labels(self, labels: Sequence[str], sensors: Sequence[str]) -> frozenset[str]:
-        """The topics of the retained messages of these movements; sensors: those with a binary sensor."""
-        own = [topic for label in sensors for topic in (self.sensor(label), self.movement(label))]
-        return frozenset([*map(self.trigger, labels), *own])
-
     def count(self, label: str) -> str:
         """How often this movement has been done; below it the commands `target` and `reset`."""
         return f"{self.root}/count/{label}"
 
-    def count_part(self, component: str, label: str) -> str:
-        """The discovery message of one of the entities that count this movement."""
-        return f"{self.discovery}/{component}/{self.device()}_{COUNT_PARTS[component]}_{label}/config"
+    @property
+    def of_movements(self) -> tuple[str, ...]:
+        """A topic filter for each kind of retained message that a movement has of its own; they end with its label."""
+        kinds = (f"{self.discovery}/{component}/+/config" for component, _ in OF_MOVEMENTS)
+        return *kinds, self.movement("+"), self.count("+")
 
-    def sensor(self, label: str) -> str:
-        """The discovery message of the binary sensor of this movement."""
-        return f"{self.discovery}/binary_sensor/{self.device()}_{DOES}_{label}/config"
+    def is_of_movement(self, topic: str) -> bool:
+        """Whether the retained message under `topic` belongs to one movement of this scene."""
+        kinds = (self.config(*each, " ").partition(" ")[0] for each in OF_MOVEMENTS)
+        return topic.startswith((*kinds, self.movement(""), self.count("")))
+
+    def config(self, component: str, what: str, label: str = "", observer: str = "") -> str:
+        """The topic of the discovery message of an entity, or of a device trigger."""
+        return f"{self.discovery}/{component}/{self.unique_id(what, label, observer)}/config"
+
+    def unique_id(self, what: str, label: str = "", observer: str = "") -> str:
+        """The id of an entity."""
+        return "_".join(filter(None, (self.device(observer), what, label)))
 
     def observer(self, observer: str, what: str) -> str:
         """One of an observer's topics: availability, connected, health, state."""
@@ -149,10 +141,9 @@ class Entity:
 
     def discovery(self, topics: Topics, area: str) -> tuple[str, str]:
         """Topic and payload of its discovery message."""
-        unique_id = "_".join(filter(None, (topics.device(self.observer), self.what, self.label)))
         payload = {
             "name": self.name,
-            "unique_id": unique_id,
+            "unique_id": topics.unique_id(self.what, self.label, self.observer),
             "has_entity_name": True,
             **self.settings,
             "availability": [{"topic": topic} for topic in self.availability],
@@ -160,7 +151,7 @@ class Entity:
             "device": _device(topics, self.observer, area),
             "origin": {"name": ORIGIN},
         }
-        return f"{topics.discovery}/{self.component}/{unique_id}/config", json.dumps(payload)
+        return topics.config(self.component, self.what, self.label, self.observer), json.dumps(payload)
 
 
 def _device(topics: Topics, observer: str, area: str) -> dict[str, Any]:
@@ -202,7 +193,7 @@ def _triggers(topics: Topics, labels: Sequence[str], area: str) -> Iterator[tupl
             "device": _device(topics, "", area),
             "origin": {"name": ORIGIN},
         }
-        yield topics.trigger(label), json.dumps(payload)
+        yield topics.config("device_automation", RECOGNISED, label), json.dumps(payload)
 
 
 def _events(topics: Topics, labels: Sequence[str], early: bool) -> Iterator[Entity]:

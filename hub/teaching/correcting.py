@@ -34,6 +34,14 @@ FORMS = "the id of a verdict, last, a time of day (20:14:03), two (20:14:03..20:
 
 
 @dataclass(frozen=True, slots=True)
+class MomentExample:
+    """The example cut out for a moment: the number of its take on each observer that has one."""
+
+    label: str
+    takes: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
 class Correction:
     """What somebody did, from `began_ns` to `ended_ns` in the time of the fusion service.
 
@@ -125,11 +133,16 @@ def clock_offsets(state: SceneState) -> dict[str, float]:
 
 
 def correct(
-    participants: Participants, corrections: Sequence[Correction], offsets: Mapping[str, float], person: str
+    participants: Participants,
+    corrections: Sequence[Correction],
+    offsets: Mapping[str, float],
+    person: str,
+    of_moments: list[MomentExample] | None = None,
 ) -> dict[str, int]:
     """Make examples of these on the observers, which do not learn yet; how many each has made.
 
-    person: who moved; "": the only person whom the observers have takes of, else SOMEONE.
+    person: who moved; "": the only person whom the observers have takes of, else SOMEONE. of_moments: gets those of
+    movements of which only the moment is known.
 
     Raises BadInput for a label that they do not know, LabanmeshError if no observer could make any example.
     """
@@ -145,11 +158,22 @@ def correct(
             )
     made: dict[str, int] = dict.fromkeys(participants.observers, 0)
     for correction in corrections:
-        for name in _correct_one(participants, correction, offsets, person):
+        shows = of_moments is not None and correction.is_moment
+        before = _takes(participants, correction.label) if shows else {}
+        keepers = _correct_one(participants, correction, offsets, person)
+        for name in keepers:
             made[name] += 1
+        if of_moments is not None and shows and keepers:
+            # Its number is not in the answer.
+            new = {name: own - before[name] for name, own in _takes(participants, correction.label).items()}
+            of_moments.append(MomentExample(correction.label, {name: max(own) for name, own in new.items() if own}))
     if not any(made.values()):
         raise LabanmeshError("no observer could make an example; nothing changes")
     return made
+
+
+def _takes(participants: Participants, label: str) -> dict[str, set[int]]:
+    return {name: set(reply.takes.get(label, ())) for name, reply in participants.request("status").items()}
 
 
 def learn_corrections(participants: Participants, observers: Collection[str]) -> None:

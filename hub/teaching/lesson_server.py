@@ -106,13 +106,13 @@ class LessonServer:
         """Learn what movements really were; raises BadInput, one line, if it cannot begin."""
         self._require_teachable()
         state = self.scene_state
-        of_verdicts, of_missed = corrections_of(
+        corrections = corrections_of(
             wanted, self.verdicts, fusion_ns(state, time.time_ns()), 60 * self.scene.teaching.remember_minutes
         )
 
         def learn_anew(lesson: PageLesson, present: Sequence[str]) -> None:
             participants, offsets = self._participants(lesson, present), clock_offsets(state)
-            learn_from(participants, of_verdicts, of_missed, offsets, wanted.person, lesson.examples)
+            learn_from(participants, corrections, offsets, wanted.person, lesson.examples)
 
         self._begin(secrets.token_hex(8), None, learn_anew, "correct")
 

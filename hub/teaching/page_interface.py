@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from common.errors import BadInput
+from hub.teaching.correcting import MomentExample
 from hub.teaching.interface import GO, Action, ActionKind, Step, StepKind
 from hub.teaching.lesson import LessonPlan
-from hub.teaching.page_memory import MissedExample
 from hub.teaching.wording import on_a_page
 
 LINES_LIMIT = 200
@@ -166,7 +166,7 @@ class PageLesson:
     plan: LessonPlan | None
     interface: PageInterface
     purpose: Purpose = "lesson"
-    examples: list[MissedExample] = field(default_factory=list)
+    examples: list[MomentExample] = field(default_factory=list)
     thread: threading.Thread | None = None
     over: bool = False
     stopped: bool = False

@@ -4,13 +4,14 @@ Of a movement without a verdict each observer takes what moved nearest to it, wh
 the examples are shown before anybody learns from them, and one that is not the movement can be dropped.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from common import MS_NS, SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.messages import VerdictMessage
-from hub.teaching.correcting import Correction, correct, learn_corrections
+from hub.teaching.correcting import Correction, MomentExample, correct, learn_corrections
 from hub.teaching.interface import Step
 from hub.teaching.participants import Participants
 
@@ -35,18 +36,10 @@ class WantedCorrections:
     person: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class MissedExample:
-    """The example cut out for a missed movement: the number of its take on each observer that has one."""
-
-    label: str
-    takes: Mapping[str, int]
-
-
 def corrections_of(
     wanted: WantedCorrections, verdicts: Sequence[VerdictMessage], now_ns: int, remembered_s: float
-) -> tuple[list[Correction], list[Correction]]:
-    """Those of verdicts, and those of missed movements; raises BadInput, one line, for what is too old, or nothing.
+) -> list[Correction]:
+    """Those of verdicts, then those of missed movements; raises BadInput, one line, for what is too old, or nothing.
 
     verdicts: those that can be corrected. now_ns: by the clock of the fusion service.
     """
@@ -56,84 +49,51 @@ def corrections_of(
     if not wanted.labels and not wanted.missed:
         raise BadInput("nothing was corrected; say first what was wrong")
     moments = [(each.label, now_ns - round(each.ago_s * SECOND_NS)) for each in wanted.missed]
-    return (
-        [Correction.of_verdict(known[verdict], label) for verdict, label in wanted.labels.items()],
-        [Correction(f"moment-{at_ns // MS_NS}", label, at_ns, at_ns) for label, at_ns in moments],
-    )
+    return [
+        *(Correction.of_verdict(known[verdict], label) for verdict, label in wanted.labels.items()),
+        *(Correction(f"moment-{at_ns // MS_NS}", label, at_ns, at_ns) for label, at_ns in moments),
+    ]
 
 
 def learn_from(
     participants: Participants,
-    of_verdicts: Sequence[Correction],
-    of_missed: Sequence[Correction],
+    corrections: Sequence[Correction],
     offsets: Mapping[str, float],
     person: str,
-    examples: list[MissedExample],
+    examples: list[MomentExample],
 ) -> None:
     """Make examples, show those of missed movements in `examples`, and learn. Raises LabanmeshError if none is left.
 
     offsets: of the observers' clocks, s.
     """
-    made: dict[str, int] = {}
-    for correction in of_verdicts:
-        _count(made, _corrected(participants, correction, offsets, person))
-    for correction in of_missed:
-        before = _numbers(participants, correction.label)
-        if _corrected(participants, correction, offsets, person):
-            after = _numbers(participants, correction.label)
-            new = {name: numbers - before.get(name, set()) for name, numbers in after.items()}
-            takes = {name: max(numbers) for name, numbers in new.items() if numbers}
-            examples.append(MissedExample(correction.label, takes))
-    _let_choose(participants, examples)
-    for example in examples:
-        _count(made, example.takes)
+    made = Counter(correct(participants, corrections, offsets, person, examples))
+    made.subtract(_dropped(participants, examples))
     if not any(made.values()):
         raise LabanmeshError(NONE_LEFT)
     learn_corrections(participants, [name for name, count in made.items() if count])
 
 
-def _let_choose(participants: Participants, examples: list[MissedExample]) -> None:
-    """Wait until somebody continues. Examples that they drop are deleted, also from the observers' disks."""
+def _dropped(participants: Participants, examples: list[MomentExample]) -> Counter[str]:
+    """Wait until somebody continues; how many examples of each observer they dropped, also from its disk."""
+    dropped: Counter[str] = Counter()
     try:
         while examples:
             action = participants.interface.ready(Step("examples", number=len(examples)))
             if action.kind != "drop":
-                return
+                break
             if 1 <= action.take <= len(examples):
                 example = examples.pop(action.take - 1)
                 _drop(participants, example)
+                dropped.update(example.takes.keys())
                 participants.interface.say(f"that was not {example.label}: dropped")
     except KeyboardInterrupt:
         # Nobody has said that these are the movement.
         while examples:
             _drop(participants, examples.pop())
         raise
+    return dropped
 
 
-def _drop(participants: Participants, example: MissedExample) -> None:
+def _drop(participants: Participants, example: MomentExample) -> None:
     for name, number in example.takes.items():
         participants.request_of("drop", [name], label=example.label, take=number)
-
-
-def _corrected(
-    participants: Participants, correction: Correction, offsets: Mapping[str, float], person: str
-) -> Mapping[str, int]:
-    """The number of examples that each observer made; a moment that no observer remembers gives none."""
-    try:
-        return correct(participants, [correction], offsets, person)
-    except BadInput:
-        raise
-    except LabanmeshError:
-        if not participants.observers:
-            raise
-        return {}
-
-
-def _count(made: dict[str, int], examples: Mapping[str, int]) -> None:
-    for name, count in examples.items():
-        made[name] = made.get(name, 0) + bool(count)
-
-
-def _numbers(participants: Participants, label: str) -> dict[str, set[int]]:
-    replies = participants.request("status")
-    return {name: set(reply.takes.get(label, ())) for name, reply in replies.items()}

@@ -107,7 +107,7 @@ def test_a_retained_state_that_is_none_is_no_target(make, left):
 
 def test_what_the_vocabulary_does_not_have_any_more_is_removed(make, stage):
     stage.show(repeated(make, "nthrow"))
-    assert stage.retained[TOPICS.count("ok")] == "" and stage.retained[TOPICS.count_part("sensor", "ok")] == ""
+    assert stage.retained[TOPICS.count("ok")] == "" and stage.retained[TOPICS.config("sensor", "COUNT", "ok")] == ""
     assert json.loads(stage.retained[TOPICS.count("nthrow")])["count"] == 0
 
 

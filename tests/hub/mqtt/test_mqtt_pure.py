@@ -105,21 +105,28 @@ def test_verdicts_are_discovered_when_the_movements_are_known(driver, make):
 
 
 def test_what_belongs_to_a_movement_follows_the_vocabulary(make):
-    driver, wave = Driver(make, movements=("*",)), TOPICS.trigger("wave")
-    gone = {TOPICS.trigger("ok"), TOPICS.sensor("ok"), TOPICS.movement("ok")}
+    driver, wave = Driver(make, movements=("*",)), TOPICS.config("device_automation", "RECOGNISED", "wave")
+    gone = {
+        TOPICS.config("device_automation", "RECOGNISED", "ok"),
+        TOPICS.config("binary_sensor", "DOES", "ok"),
+        TOPICS.movement("ok"),
+    }
     driver.bridge.note_left(wave)
     driver.bridge.note_left("homeassistant/binary_sensor/lamp/config")
     before = driver.due(0.0, vocabulary=None)
     assert wave not in before, "nothing is removed before the vocabulary is known"
     first = driver.due(1.0, make.judgement())
     assert gone <= set(first) and first[wave] == ""
-    trigger = json.loads(first[TOPICS.trigger("ok")])
+    trigger = json.loads(first[TOPICS.config("device_automation", "RECOGNISED", "ok")])
     assert (trigger["topic"], trigger["payload"], trigger["subtype"]) == (TOPICS.of("verdict"), "ok", "ok")
     assert trigger["device"] == json.loads(before[sensor("MOVEMENT")])["device"]
     taught = make.vocabulary(("wave", "point_up"))
     judgement = make.judgement().model_copy(update={"vocabulary": taught})
     second = driver.due(2.0, judgement, vocabulary=taught)
-    assert all(second[topic] == "" for topic in gone) and '"point up"' in second[TOPICS.trigger("point_up")]
+    assert (
+        all(second[topic] == "" for topic in gone)
+        and '"point up"' in second[TOPICS.config("device_automation", "RECOGNISED", "point_up")]
+    )
     assert json.loads(second[wave])["payload"] == "wave" and TOPICS.movement("wave") in second
     driver.bridge.forget()
     again = driver.due(3.0, judgement, vocabulary=taught)
