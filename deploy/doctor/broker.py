@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Final
 
 from common.config import Scene
 from common.config_sections import MqttConfig
@@ -15,7 +14,6 @@ from common.errors import reason_of
 from deploy.doctor.findings import Finding, Mark, ok
 from deploy.doctor.network import Connection, connect_to
 
-HOME_ASSISTANT: Final = "Home Assistant"
 PORT, TLS_PORT = 1883, 8883
 
 
@@ -64,19 +62,16 @@ def check_broker(facts: BrokerFacts | None) -> Iterator[Finding]:
     mark: Mark = "error" if facts.starts else "warning"
     if not facts.installed:
         yield Finding(
-            HOME_ASSISTANT,
             mark,
             "aiomqtt is not installed: labanmesh hub mqtt needs it",
             "pip install 'labanmesh[mqtt]'",
         )
     if facts.password:
         write = f"printf '%s' 'the password' > {Path(facts.password_file).name}, beside the scene file"
-        yield Finding(
-            HOME_ASSISTANT, mark, f"hub.mqtt.password_file = {facts.password_file!r}: {facts.password}", write
-        )
+        yield Finding(mark, f"hub.mqtt.password_file = {facts.password_file!r}: {facts.password}", write)
     if facts.connection.fault:
         what = f"no MQTT broker at {facts.address}: {facts.connection.fault}"
         to_do = "start it (in Home Assistant: the app Mosquitto broker), or correct hub.mqtt.host"
-        yield Finding(HOME_ASSISTANT, mark, what, to_do)
+        yield Finding(mark, what, to_do)
     elif facts.connection.took_s is not None:
-        yield ok(HOME_ASSISTANT, f"MQTT broker {facts.address}: answers, {1000 * facts.connection.took_s:.1f} ms")
+        yield ok(f"MQTT broker {facts.address}: answers, {1000 * facts.connection.took_s:.1f} ms")

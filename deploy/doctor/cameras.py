@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 from urllib.parse import urlsplit
 
 from common.config import Scene
@@ -21,7 +21,6 @@ from common.tracker_choice import chosen_tracker
 from deploy.doctor.findings import Finding, Mark, from_fault, ok, warning
 from deploy.doctor.network import connect_to
 
-CAMERAS: Final = "cameras"
 CameraAccess = Literal["readable", "forbidden", "absent", "unknown"]
 DEVICES = Path("/dev")
 WEBCAM_NAMES = Path("/sys/class/video4linux")
@@ -180,25 +179,25 @@ def check_cameras(cameras: Sequence[ObserverCamera], present: Sequence[Webcam], 
 
 def no_webcam() -> Finding:
     """The finding where neither a scene nor this machine has a camera."""
-    return warning(CAMERAS, "no webcam on this machine", "plug one in, or name an address or a recording as source")
+    return warning("no webcam on this machine", "plug one in, or name an address or a recording as source")
 
 
 def _presence(each: ObserverCamera, mark: Mark, present: Sequence[Webcam]) -> Finding:
     camera, name = each.camera, each.observer
     if isinstance(camera, NetworkCamera):
         if not camera.fault:
-            return ok(CAMERAS, f"{name}: {camera.url} can be reached, {camera.took_s * 1000:.0f} ms")
+            return ok(f"{name}: {camera.url} can be reached, {camera.took_s * 1000:.0f} ms")
         to_do = "switch it on, connect it to this network, or correct its address"
-        return Finding(CAMERAS, mark, f"{name}: {camera.url}: {camera.fault}", to_do)
+        return Finding(mark, f"{name}: {camera.url}: {camera.fault}", to_do)
     if camera.access == "readable":
-        return ok(CAMERAS, f"{name}: {camera} is there and may be read")
+        return ok(f"{name}: {camera} is there and may be read")
     if camera.access == "forbidden":
-        return Finding(CAMERAS, mark, f"{name}: {camera.place} may not be read by this user", camera.permission)
+        return Finding(mark, f"{name}: {camera.place} may not be read by this user", camera.permission)
     if camera.access == "absent":
         others = ", ".join(webcam.place for webcam in present) or "none"
         to_do = f"plug it in, or correct source; webcams here: {others}"
-        return Finding(CAMERAS, mark, f"{name}: {camera.place} is not there", to_do)
-    return warning(CAMERAS, f"{name}: webcams cannot be listed on this system", f"labanmesh camera look {camera.place}")
+        return Finding(mark, f"{name}: {camera.place} is not there", to_do)
+    return warning(f"{name}: webcams cannot be listed on this system", f"labanmesh camera look {camera.place}")
 
 
 def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
@@ -207,17 +206,17 @@ def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
             continue
         if each.test.fault:
             way_out = "end other programs that use this camera (the observer itself?), then try again"
-            yield from_fault(CAMERAS, "error", f"{each.observer}: {each.test.fault}", way_out)
+            yield from_fault("error", f"{each.observer}: {each.test.fault}", way_out)
         for advice in each.test.advice:
             if advice.startswith(ALL_WELL):
-                yield ok(CAMERAS, f"{each.observer}: test picture: {advice}")
+                yield ok(f"{each.observer}: test picture: {advice}")
             else:
                 what, _, to_do = advice.partition(": ")
                 to_do = to_do or "labanmesh camera look shows the picture"
-                yield warning(CAMERAS, f"{each.observer}: test picture: {what}", to_do)
+                yield warning(f"{each.observer}: test picture: {what}", to_do)
 
 
 def _spare(webcam: Webcam) -> Finding:
     if webcam.access == "forbidden":
-        return warning(CAMERAS, f"{webcam} is there, and may not be read by this user", webcam.permission)
-    return ok(CAMERAS, f"{webcam} is there, and no observer of this machine uses it")
+        return warning(f"{webcam} is there, and may not be read by this user", webcam.permission)
+    return ok(f"{webcam} is there, and no observer of this machine uses it")

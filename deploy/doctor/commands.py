@@ -19,9 +19,9 @@ from common.errors import BadInput
 from common.text import split_list
 from deploy.doctor.broker import broker_facts, check_broker
 from deploy.doctor.cameras import TEST_S, check_cameras, no_webcam, observer_cameras, webcams
-from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_json, page, warning, worst
+from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_json, of_group, page, warning, worst
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
-from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen, no_process, not_listened_to
+from deploy.doctor.mesh import ExpectedMesh, MeshFacts, check_mesh, listen, no_process, not_listened_to
 from deploy.doctor.network import check_network, is_free, network_facts
 from deploy.doctor.scene_file import MissingSceneFile, check_scene, read_existing_scene, scene_facts, unreadable
 from deploy.doctor.security import check_security, security_facts
@@ -80,7 +80,7 @@ def doctor(
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check, which returns findings. group: the heading under which a failure of the check itself is reported."""
+    """One check. group: the heading of its findings that have none."""
 
     group: Group
     limit_s: float
@@ -99,7 +99,7 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
             of_checks[number] = check.run()
         except Exception as error:  # noqa: BLE001 - whatever it is, the other checks have findings
             what = f"the check failed: {type(error).__name__}: {error}"
-            of_checks[number] = [warning(check.group, what, "this is a bug in labanmesh: please report it")]
+            of_checks[number] = [warning(what, "this is a bug in labanmesh: please report it")]
 
     began_s, findings = time.monotonic(), list[Finding]()
     # A daemon thread that hangs does not keep the process alive.
@@ -108,10 +108,8 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
         thread.start()
     for number, (check, thread) in enumerate(zip(checks, threads, strict=True)):
         thread.join(max(0.0, began_s + check.limit_s - time.monotonic()))
-        late = warning(
-            check.group, f"the check took longer than {check.limit_s:g} s", "try again; is this machine very busy?"
-        )
-        findings += of_checks.get(number, [late])
+        late = warning(f"the check took longer than {check.limit_s:g} s", "try again; is this machine very busy?")
+        findings += of_group(check.group, of_checks.get(number, [late]))
     return findings
 
 
@@ -123,7 +121,8 @@ def _with_scene(
     except MissingSceneFile:
         raise
     except BadInput as error:
-        return [*run_checks([_machine_check(None, ())]), unreadable(str(error))]
+        fault = str(error)
+        return run_checks([_machine_check(None, ()), Check("the scene file", SCENE_S, lambda: [unreadable(fault)])])
     observers = scene.roster if here is None else here
     for name in observers:
         scene.observer(name)
@@ -160,14 +159,15 @@ def _mesh_findings(path: Path, scene: Scene, for_s: float) -> Iterator[Finding]:
         return
     facts = listen(scene, network_facts(scene.mesh), for_s)
     yield from check_network(facts.network)
-    yield from check_security(security_facts(facts.network), datetime.now(UTC))
+    yield from of_group("security", check_security(security_facts(facts.network), datetime.now(UTC)))
+    yield from of_group("the mesh", _heard(path, scene, facts))
+
+
+def _heard(path: Path, scene: Scene, facts: MeshFacts) -> list[Finding]:
     expected = ExpectedMesh(scene, installed_version("labanmesh"), str(path), facts.partly)
     if facts.traffic is not None:
-        yield from check_mesh(expected, facts.traffic)
-    elif is_free(facts.network):
-        yield no_process(expected)
-    else:
-        yield not_listened_to(facts.network.mesh.endpoint)
+        return check_mesh(expected, facts.traffic)
+    return [no_process(expected) if is_free(facts.network) else not_listened_to(facts.network.mesh.endpoint)]
 
 
 def _print_page(findings: Sequence[Finding], settings: Sequence[EffectiveSetting]) -> None:

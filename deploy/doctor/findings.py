@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from common.config_input import PREFIX, Place
@@ -24,9 +24,12 @@ DEFAULT, FILE = "default", "file"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One finding. what: the state of affairs, one line. to_do: the way out, one line; "" for the mark "ok"."""
+    """One finding. what: the state of affairs, one line. to_do: the way out, one line; "" for the mark "ok".
 
-    group: Group
+    group: None until all checks have run.
+    """
+
+    group: Group | None = field(default=None, kw_only=True)
     mark: Mark
     what: str
     to_do: str = ""
@@ -41,36 +44,41 @@ class EffectiveSetting:
     origin: str
 
 
-def ok(group: Group, what: str) -> Finding:
+def of_group(group: Group, findings: Iterable[Finding]) -> list[Finding]:
+    """The findings under this heading, those under another one unchanged."""
+    return [each if each.group else replace(each, group=group) for each in findings]
+
+
+def ok(what: str) -> Finding:
     """All is well with `what`."""
-    return Finding(group, "ok", what)
+    return Finding("ok", what)
 
 
-def hint(group: Group, what: str, to_do: str) -> Finding:
+def hint(what: str, to_do: str) -> Finding:
     """Everything works; there is something that the user may also want."""
-    return Finding(group, "hint", what, to_do)
+    return Finding("hint", what, to_do)
 
 
-def warning(group: Group, what: str, to_do: str) -> Finding:
+def warning(what: str, to_do: str) -> Finding:
     """It works, or may work, but the user should know."""
-    return Finding(group, "warning", what, to_do)
+    return Finding("warning", what, to_do)
 
 
-def error(group: Group, what: str, to_do: str) -> Finding:
+def error(what: str, to_do: str) -> Finding:
     """It does not work."""
-    return Finding(group, "error", what, to_do)
+    return Finding("error", what, to_do)
 
 
-def from_fault(group: Group, mark: Mark, fault: str, way_out: str) -> Finding:
+def from_fault(mark: Mark, fault: str, way_out: str) -> Finding:
     """A finding from the one line of a labanmesh error, "fault; way out"; `way_out` where that line names none."""
     line = " ".join(fault.split())
     what, separator, to_do = line.partition("; ")
     if separator:
-        return Finding(group, mark, what, to_do)
+        return Finding(mark, what, to_do)
     what, separator, to_do = line.rpartition(": ")
     if separator and to_do.startswith(("learn", "labanmesh")):
-        return Finding(group, mark, what, to_do)
-    return Finding(group, mark, line, way_out)
+        return Finding(mark, what, to_do)
+    return Finding(mark, line, way_out)
 
 
 def worst(findings: Iterable[Finding]) -> Mark:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Literal
 
 from common.tracker_choice import INSTALL_MEDIAPIPE, PICTURE_TRACKERS, chosen_tracker
 from deploy.doctor.findings import Finding, Mark, error, ok, warning
@@ -22,7 +22,6 @@ from deploy.doctor.findings import Finding, Mark, error, ok, warning
 if TYPE_CHECKING:
     from common.config import Scene
 
-THIS_MACHINE: Final = "this machine"
 ClockState = Literal["synchronised", "free", "unknown"]
 MIB = 1 << 20
 GIB = 1 << 30
@@ -216,7 +215,7 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
     """
     lacking: Mark = "error" if certain else "warning"
     return [
-        ok(THIS_MACHINE, f"labanmesh {facts.labanmesh}, Python {facts.python}, {facts.system}"),
+        ok(f"labanmesh {facts.labanmesh}, Python {facts.python}, {facts.system}"),
         *_packages(facts.packages),
         *_opencv(facts, needs, lacking),
         *_mediapipe(facts.mediapipe, needs, lacking),
@@ -228,11 +227,11 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
 def _packages(packages: Sequence[Package]) -> Iterator[Finding]:
     good = [f"{package.name} {package.version}" for package in packages if package.version and package.fits]
     if good:
-        yield ok(THIS_MACHINE, ", ".join(good))
+        yield ok(", ".join(good))
     for package in packages:
         if not (package.version and package.fits):
             what = package.misfit if package.version else f"{package.name} is not installed"
-            yield error(THIS_MACHINE, what, f"pip install '{package.name}{package.bounds}'")
+            yield error(what, f"pip install '{package.name}{package.bounds}'")
 
 
 def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
@@ -240,19 +239,19 @@ def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator
     if not package.version:
         if needs.opencv:
             what = f"OpenCV is not installed; needed by {', '.join(needs.opencv)}"
-            yield Finding(THIS_MACHINE, lacking, what, INSTALL_OBSERVER)
+            yield Finding(lacking, what, INSTALL_OBSERVER)
         else:
-            yield ok(THIS_MACHINE, "OpenCV is not installed, and not needed here")
+            yield ok("OpenCV is not installed, and not needed here")
         return
     if not package.fits:
-        yield warning(THIS_MACHINE, package.misfit, INSTALL_OBSERVER)
+        yield warning(package.misfit, INSTALL_OBSERVER)
     elif facts.face_cascade or not needs.cascade:
-        yield ok(THIS_MACHINE, f"OpenCV {package.version}{', with a face cascade' * facts.face_cascade}")
+        yield ok(f"OpenCV {package.version}{', with a face cascade' * facts.face_cascade}")
     if needs.cascade and not facts.face_cascade:
         observers = ", ".join(needs.cascade)
         what = f"OpenCV {package.version} has no face cascade; camshift of {observers} learns skin colour with it"
         to_do = "pip install 'opencv-python-headless>=4.11,<5', or name a saved histogram (skin) in the scene file"
-        yield Finding(THIS_MACHINE, lacking, what, to_do)
+        yield Finding(lacking, what, to_do)
 
 
 def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
@@ -260,27 +259,27 @@ def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator
         return
     if not package.version:
         what = f"mediapipe is not installed; needed by {', '.join(needs.mediapipe)}"
-        yield Finding(THIS_MACHINE, lacking, what, INSTALL_MEDIAPIPE)
+        yield Finding(lacking, what, INSTALL_MEDIAPIPE)
     elif not package.fits:
-        yield warning(THIS_MACHINE, package.misfit, INSTALL_MEDIAPIPE)
+        yield warning(package.misfit, INSTALL_MEDIAPIPE)
     else:
-        yield ok(THIS_MACHINE, f"mediapipe {package.version}")
+        yield ok(f"mediapipe {package.version}")
     if package.version and needs.carried_model and not package.version.startswith("0.10.21"):
         what = f"mediapipe {package.version} brings no pose model; needed by {', '.join(needs.carried_model)}"
-        yield Finding(THIS_MACHINE, lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
+        yield Finding(lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
 
 
 def _clock(clock: ClockState, other_clocks: bool | None) -> Finding:
     if clock == "synchronised":
-        return ok(THIS_MACHINE, "the clock is synchronised")
+        return ok("the clock is synchronised")
     if other_clocks is False:
-        return ok(THIS_MACHINE, "the clock may be wrong: in this scene all processes share it")
+        return ok("the clock may be wrong: in this scene all processes share it")
     mark: Mark = "warning" if other_clocks else "hint"
     if clock == "unknown":
         what = "cannot tell whether the clock is synchronised"
-        return Finding(THIS_MACHINE, mark, what, "check that NTP runs (chronyc tracking, timedatectl)")
+        return Finding(mark, what, "check that NTP runs (chronyc tracking, timedatectl)")
     what = "the clock is not synchronised: on several machines posteriors would seem younger or older than they are"
-    return Finding(THIS_MACHINE, mark, what, "timedatectl set-ntp true, or install chrony")
+    return Finding(mark, what, "timedatectl set-ntp true, or install chrony")
 
 
 def _free_space(facts: MachineFacts) -> Iterator[Finding]:
@@ -290,7 +289,7 @@ def _free_space(facts: MachineFacts) -> Iterator[Finding]:
     ):
         if free is not None:
             what = f"{_size(free)} free {place}"
-            yield ok(THIS_MACHINE, what) if free >= little else warning(THIS_MACHINE, what, way_out)
+            yield ok(what) if free >= little else warning(what, way_out)
 
 
 def _size(size: int) -> str:

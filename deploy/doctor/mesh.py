@@ -19,7 +19,6 @@ from deploy.doctor.network import NetworkFacts
 from deploy.doctor.security import listener_for
 from deploy.doctor.traffic import (
     REJECTION_WAYS_OUT,
-    THE_MESH,
     MeshTraffic,
     ProcessTraffic,
     check_process,
@@ -141,7 +140,7 @@ def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
         to_do = (
             "run doctor on the fusion machine, or with a certificate for a hub: labanmesh secure add SCENE NAME --hub"
         )
-        return [*_fusions(expected, traffic), warning(THE_MESH, what, to_do)]
+        return [*_fusions(expected, traffic), warning(what, to_do)]
     return [*_fusions(expected, traffic), *_judgements(traffic), *_observers(expected, traffic)]
 
 
@@ -149,13 +148,13 @@ def no_process(expected: ExpectedMesh) -> Finding:
     """The finding on a mesh without any process of the scene."""
     what = f"no process of scene {expected.scene.scene} is on the mesh"
     if expected.scene.mesh.mode == "machine":
-        return hint(THE_MESH, what, f"labanmesh up {expected.path}")
-    return warning(THE_MESH, what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
+        return hint(what, f"labanmesh up {expected.path}")
+    return warning(what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
 
 
 def not_listened_to(endpoint: str) -> Finding:
     """The finding on a mesh that could not be listened to."""
-    return warning(THE_MESH, f"not listened to, at {endpoint}", "correct the findings on network and security first")
+    return warning(f"not listened to, at {endpoint}", "correct the findings on network and security first")
 
 
 def _fusions(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
@@ -164,24 +163,24 @@ def _fusions(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
     for name in present:
         process, service = traffic.fusions.get(name, ProcessTraffic()), f"fusion service {name}"
         if name not in services and expected.shareable:
-            yield ok(THE_MESH, f"{service} is not in this scene file: it shares this scene with other services")
+            yield ok(f"{service} is not in this scene file: it shares this scene with other services")
         elif name not in services:
             what = f"{service} is on the mesh and not in this scene file"
             to_do = f"stop it, or name it: fusion.standby = [{name!r}]; every machine needs the same file"
-            yield error(THE_MESH, what, to_do)
+            yield error(what, to_do)
         alive = name in traffic.alive_fusions or expected.partly
         yield from check_process(service, process, expected.version, alive, is_fusion=True)
         if process.skew_s is not None and abs(process.skew_s) > SKEW_S:
             what = f"this machine's clock is {relative_clock(-process.skew_s)} that of {service}"
-            yield warning(THE_MESH, what, f"synchronise both clocks (NTP): {SYNCHRONISE}")
+            yield warning(what, f"synchronise both clocks (NTP): {SYNCHRONISE}")
     for name in services:
         if name not in present and present and not expected.shareable:
             what = f"fusion service {name} is missing"
-            yield warning(THE_MESH, what, f"labanmesh fuse {expected.path} --id {name}")
+            yield warning(what, f"labanmesh fuse {expected.path} --id {name}")
     if not present:
         hint = "" if expected.digest else "; it waits until an observer publishes the vocabulary"
         what = "no fusion service is alive: there are no judgements"
-        yield error(THE_MESH, what, f"labanmesh fuse {expected.path}{hint}")
+        yield error(what, f"labanmesh fuse {expected.path}{hint}")
 
 
 def _judgements(traffic: MeshTraffic) -> Iterator[Finding]:
@@ -189,23 +188,21 @@ def _judgements(traffic: MeshTraffic) -> Iterator[Finding]:
     if len(judging) > 1:
         what = f"{len(judging)} fusion services judge at once: {', '.join(judging)}"
         to_do = "stop all but one, or let the others stand by: fusion.standby in the scene file of all"
-        yield error(THE_MESH, what, to_do)
+        yield error(what, to_do)
     for name, process in judging.items():
         if process.turns > 1:
             what = f"two processes judge as fusion service {name}"
-            yield error(THE_MESH, what, "stop one, or give it an id of its own: fuse --id")
+            yield error(what, "stop one, or give it an id of its own: fuse --id")
     if judging:
         many, listened_s = sum(process.judgements for process in judging.values()), traffic.listened_s
-        yield ok(THE_MESH, f"{plural(many, 'judgement')} in {listened_s:.1f} s by {', '.join(judging)}")
-        yield from (
-            ok(THE_MESH, f"a movement goes on without a verdict yet: {p.why}") for p in judging.values() if p.why
-        )
+        yield ok(f"{plural(many, 'judgement')} in {listened_s:.1f} s by {', '.join(judging)}")
+        yield from (ok(f"a movement goes on without a verdict yet: {p.why}") for p in judging.values() if p.why)
     elif traffic.alive_fusions and traffic.listened_s > 0 and not traffic.bad_judgements:
         what = f"no judgement within {traffic.listened_s:.1f} s"
         if any(process.posteriors for process in traffic.observers.values()):
-            yield error(THE_MESH, f"{what}, though observers publish posteriors", "see fusion's log; start it again")
+            yield error(f"{what}, though observers publish posteriors", "see fusion's log; start it again")
         else:
-            yield warning(THE_MESH, f"{what}: no observer publishes posteriors", "see the findings on the observers")
+            yield warning(f"{what}: no observer publishes posteriors", "see the findings on the observers")
     for reason, count in sorted(traffic.bad_judgements.items()):
         yield rejected("judgements", reason, count)
 
@@ -221,7 +218,7 @@ def _observers(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding
             yield from _vocabulary(name, process, digest)
             if process.turns > 1:
                 to_do = "stop one of them, or give it an id of its own in the scene file"
-                yield error(THE_MESH, f"two processes publish as {name}", to_do)
+                yield error(f"two processes publish as {name}", to_do)
             yield from _statistics(name, process, traffic, secured=bool(scene.mesh.credentials))
     yield from _missing(expected, [name for name in scene.roster if name not in present])
     yield from _strangers(expected, sorted(present - set(scene.roster)))
@@ -235,14 +232,14 @@ def _missing(expected: ExpectedMesh, missing: list[str]) -> Iterator[Finding]:
         what = f"{name} is missing"
         if mark == "error":
             what += f": {left} of {plural(total, 'observer')} present, a verdict needs {quorum}"
-        yield Finding(THE_MESH, mark, what, f"labanmesh observe {expected.path} {name}, on its machine; see its log")
+        yield Finding(mark, what, f"labanmesh observe {expected.path} {name}, on its machine; see its log")
 
 
 def _vocabulary(name: str, process: ProcessTraffic, digest: str) -> Iterator[Finding]:
     foreign = sorted(process.hashes - {digest})
     if digest and foreign:
         what = f"{name} has another vocabulary ({', '.join(foreign)}) than the scene ({digest}): it does not count"
-        yield error(THE_MESH, what, "learn its model again from the movements of the others: labanmesh learn")
+        yield error(what, "learn its model again from the movements of the others: labanmesh learn")
 
 
 def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic, *, secured: bool) -> Iterator[Finding]:
@@ -254,21 +251,21 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic, *, sec
             continue
         if statistics.skew_s is not None and abs(statistics.skew_s) > SKEW_S:
             what = f"{name}: its clock is {relative_clock(statistics.skew_s)} that of fusion"
-            yield warning(THE_MESH, what, f"synchronise it (NTP): {SYNCHRONISE}, on its machine")
+            yield warning(what, f"synchronise it (NTP): {SYNCHRONISE}, on its machine")
         if name in fusion.contradicted:
             what = f"{name}: the others contradict it in most verdicts, so it is hardly relied on"
             to_do = f"labanmesh camera look shows what it sees; else its model or its place is wrong{revoke}"
-            yield warning(THE_MESH, what, to_do)
+            yield warning(what, to_do)
         if name in fusion.about_rest:
             trusted = f"{fusion.about_rest[name]:.0%} trusted"
             what = f"{name}: its rest contradicts the others ({trusted}), so it does not decide when a movement ends"
             to_do = f"labanmesh camera look shows what it sees: its picture may stand still or tremble{revoke}"
-            yield warning(THE_MESH, what, to_do)
+            yield warning(what, to_do)
         known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
         if statistics.rejected.get("same_id") and process.turns <= 1:
             # Not of this doctor's own hearing: it may have been before, or is heard by fusion alone.
             what = f"two processes published as {name}: {plural(statistics.rejected['same_id'], 'message')} rejected"
-            yield warning(THE_MESH, what, REJECTION_WAYS_OUT["same_id"])
+            yield warning(what, REJECTION_WAYS_OUT["same_id"])
         known.add("same_id")
         for reason, count in sorted(statistics.rejected.items()):
             if count and reason not in known:
@@ -282,4 +279,4 @@ def _strangers(expected: ExpectedMesh, strangers: list[str]) -> Iterator[Finding
         names = ", ".join(strangers[:STRANGERS]) + more
         near = nearest(strangers[0], expected.scene.roster)
         to_do = f"name it under [observers.ID] in every machine's scene file, or stop it; {near}"
-        yield warning(THE_MESH, f"on the mesh and not in the scene: {names}; their posteriors do not count", to_do)
+        yield warning(f"on the mesh and not in the scene: {names}; their posteriors do not count", to_do)

@@ -14,14 +14,12 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from common.address import ANY_HOST
 from common.config import MeshConfig
 from common.errors import reason_of
 from deploy.doctor.findings import Finding, error, ok, warning
 
-NETWORK: Final = "network"
 CONNECT_S = 1.5
 """A name server and a connection in one house take milliseconds; one that takes longer is as good as away."""
 EVERY_INTERFACE = (*ANY_HOST, "*")
@@ -206,7 +204,7 @@ def exposure(endpoint: str) -> str:
 
 def _exposure(mesh: MeshConfig) -> Iterator[Finding]:
     if what := exposure(mesh.endpoint):
-        yield warning(NETWORK, what, "labanmesh secure init SCENE, or use a network that you trust")
+        yield warning(what, "labanmesh secure init SCENE, or use a network that you trust")
 
 
 def _reachability(facts: NetworkFacts) -> Finding:
@@ -214,12 +212,12 @@ def _reachability(facts: NetworkFacts) -> Finding:
     if facts.zenoh_s is not None:
         peer = "a Zenoh router" if facts.mesh.mode == "router" else "Zenoh"
         took_s = facts.zenoh_s if connection is None or connection.took_s is None else connection.took_s
-        return ok(NETWORK, f"{endpoint}: {peer} answers, {took_s * 1000:.1f} ms")
+        return ok(f"{endpoint}: {peer} answers, {took_s * 1000:.1f} ms")
     if connection is not None and connection.took_s is not None:
         return _taken(facts)
     if connection is not None and connection.fault and not connection.refused:
         to_do = "correct mesh.endpoint, or the network: cable, WLAN, firewall, name server"
-        return error(NETWORK, f"{endpoint}: {connection.fault}", to_do)
+        return error(f"{endpoint}: {connection.fault}", to_do)
     return _no_router(facts) if facts.mesh.mode == "router" else _free(facts)
 
 
@@ -227,24 +225,24 @@ def _taken(facts: NetworkFacts) -> Finding:
     """The finding on an endpoint where something listens and does not answer as Zenoh does."""
     endpoint = facts.mesh.endpoint
     if EndpointParts.of(endpoint).protocol in SECURE:
-        return ok(NETWORK, f"{endpoint}: can be reached; see security for whether it admits this machine")
+        return ok(f"{endpoint}: can be reached; see security for whether it admits this machine")
     listener = facts.listener or "a program"
     what = f"{endpoint}: taken by {listener} that does not answer as Zenoh does, or hangs"
-    return error(NETWORK, what, "stop that program, or choose another port in the scene file")
+    return error(what, "stop that program, or choose another port in the scene file")
 
 
 def _no_router(facts: NetworkFacts) -> Finding:
     machine = "this machine" if facts.local else EndpointParts.of(facts.mesh.endpoint).host or "its machine"
     to_do = f"start it on {machine}: labanmesh router --scene SCENE"
-    return error(NETWORK, f"{facts.mesh.endpoint}: no router answers there", to_do)
+    return error(f"{facts.mesh.endpoint}: no router answers there", to_do)
 
 
 def _free(facts: NetworkFacts) -> Finding:
     endpoint = facts.mesh.endpoint
     if not facts.local:
         what = f'{endpoint}: not an address of this machine, and in mode "machine" the fusion process listens there'
-        return error(NETWORK, what, 'on several machines: mode = "router" under [mesh]; on one: tcp/127.0.0.1:7447')
+        return error(what, 'on several machines: mode = "router" under [mesh]; on one: tcp/127.0.0.1:7447')
     if facts.unusable:
         what = f"{endpoint}: this user cannot listen there: {facts.unusable}"
-        return error(NETWORK, what, "choose another port in the scene file, above 1023")
-    return ok(NETWORK, f"{endpoint}: free; the fusion process will listen there")
+        return error(what, "choose another port in the scene file, above 1023")
+    return ok(f"{endpoint}: free; the fusion process will listen there")

@@ -12,7 +12,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
 
 from common.config import MODELS_VARIABLE, Scene, read_scene
 from common.errors import BadInput
@@ -35,7 +34,6 @@ from deploy.doctor.findings import (
 )
 from deploy.hubs import hub_words
 
-SCENE_FILE: Final = "the scene file"
 PREFLIGHT_S = 10.0
 """Four observers take 1 to 2 s on two free cores, and several times that on a busy or a small machine."""
 SCENE_WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
@@ -149,22 +147,22 @@ def check_scene(facts: SceneFacts) -> list[Finding]:
 
 def unreadable(fault: str) -> Finding:
     """The finding on a file that is no scene file, from the one line of the error."""
-    return from_fault(SCENE_FILE, "error", fault, SCENE_WAY_OUT)
+    return from_fault("error", fault, SCENE_WAY_OUT)
 
 
 def _whole(facts: SceneFacts) -> Iterator[Finding]:
     scene = facts.scene
     observers = f"{plural(len(scene.roster), 'observer')} ({', '.join(scene.roster)})"
-    yield ok(SCENE_FILE, f"{facts.path}: scene {scene.scene}, {observers}, mesh {scene.mesh.mode}")
+    yield ok(f"{facts.path}: scene {scene.scene}, {observers}, mesh {scene.mesh.mode}")
     if scene.mesh.mode == "process":
         what = 'mesh.mode = "process": several processes cannot meet in this mode; it is for tests'
-        yield error(SCENE_FILE, what, 'choose mode = "machine" or "router" under [mesh]')
+        yield error(what, 'choose mode = "machine" or "router" under [mesh]')
 
 
 def _overridden(settings: Sequence[EffectiveSetting]) -> Iterator[Finding]:
     for setting in settings:
         if setting.origin not in (DEFAULT, FILE):
-            yield ok(SCENE_FILE, f"{setting.key} = {setting.value}, by the environment variable {setting.origin}")
+            yield ok(f"{setting.key} = {setting.value}, by the environment variable {setting.origin}")
 
 
 def _hubs(scene: Scene) -> Iterator[Finding]:
@@ -172,7 +170,7 @@ def _hubs(scene: Scene) -> Iterator[Finding]:
         try:
             hub_words(name)
         except BadInput as fault:
-            yield from_fault(SCENE_FILE, "error", str(fault), SCENE_WAY_OUT)
+            yield from_fault("error", str(fault), SCENE_WAY_OUT)
 
 
 def _observers(facts: SceneFacts) -> Iterator[Finding]:
@@ -181,31 +179,27 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
         report = facts.reports.get(observer)
         if report is None:
             reason = facts.trouble or "it took too long"
-            yield warning(
-                SCENE_FILE, f"{observer}: not examined: {reason}", f"labanmesh observe {facts.path} {observer}"
-            )
+            yield warning(f"{observer}: not examined: {reason}", f"labanmesh observe {facts.path} {observer}")
             continue
         for fault in report.faults:
-            yield from_fault(SCENE_FILE, mark, f"{observer}: {fault}", SCENE_WAY_OUT)
+            yield from_fault(mark, f"{observer}: {fault}", SCENE_WAY_OUT)
         for doubt in report.doubts:
-            yield from_fault(SCENE_FILE, "warning", f"{observer}: {doubt}", SCENE_WAY_OUT)
+            yield from_fault("warning", f"{observer}: {doubt}", SCENE_WAY_OUT)
         if report.lacks_tracker:
             lacks, _, install = report.lacks_tracker.partition(": ")
             to_do = f'{install}; or choose camshift: tracker = "{report.tracker}"'
-            yield warning(SCENE_FILE, f"{observer}: tracker camshift: {lacks}", to_do)
+            yield warning(f"{observer}: tracker camshift: {lacks}", to_do)
         if not report.faults and not report.lacks:
             rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
             model = f"model of {plural(len(report.labels), 'movement')}{rate}" if report.labels else "no model yet"
             tracker = f", tracker {report.tracker}" if report.tracker else ""
             kind = f" ({report.kind})" if report.kind else ""
-            yield ok(SCENE_FILE, f"{observer}: {report.source}{tracker}, {model}{kind}")
+            yield ok(f"{observer}: {report.source}{tracker}, {model}{kind}")
         if report.taught_from:
             camera = report.taught_from
-            yield ok(
-                SCENE_FILE, f"{observer}: its model is for {camera} as it stands: teach it again when the camera moves"
-            )
+            yield ok(f"{observer}: its model is for {camera} as it stands: teach it again when the camera moves")
     if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
-        yield warning(SCENE_FILE, "observers lack something here, and may be meant for other machines", NOT_HERE)
+        yield warning("observers lack something here, and may be meant for other machines", NOT_HERE)
 
 
 def _shared(facts: SceneFacts) -> Iterator[Finding]:
@@ -215,14 +209,14 @@ def _shared(facts: SceneFacts) -> Iterator[Finding]:
         if section.picture_hz:
             askers = "hubs with the right to pictures" if facts.scene.mesh.credentials else "any process of the mesh"
             what = f"{observer}: live pictures are on: {askers} may ask for {section.picture_hz:g} a second"
-            yield ok(SCENE_FILE, f"{what} (picture_hz = 0 ends it)")
+            yield ok(f"{what} (picture_hz = 0 ends it)")
         if folder is not None:
             clips = section.clips
             limits = f"for {clips.keep_days:g} days, at most {clips.keep_mb:g} MB"
-            yield ok(SCENE_FILE, f"{observer}: clips are on: a film of each verdict in {folder.path}, {limits}")
+            yield ok(f"{observer}: clips are on: a film of each verdict in {folder.path}, {limits}")
         if folder is not None and not folder.writable:
             what = f"{observer}: this user cannot write to {folder.path}, so no clips are kept"
-            yield warning(SCENE_FILE, what, "choose another clips.folder, or make the observer's user its owner")
+            yield warning(what, "choose another clips.folder, or make the observer's user its owner")
 
 
 def _taught(facts: SceneFacts) -> Iterator[Finding]:
@@ -233,9 +227,7 @@ def _taught(facts: SceneFacts) -> Iterator[Finding]:
             closed.setdefault(folder.path, []).append(observer)
     for path, observers in closed.items():
         what = f"{', '.join(observers)}: this user cannot write to {path}, so teaching would fail"
-        yield warning(
-            SCENE_FILE, what, f"make the observer's user its owner, or set {MODELS_VARIABLE} to a folder of that user"
-        )
+        yield warning(what, f"make the observer's user its owner, or set {MODELS_VARIABLE} to a folder of that user")
 
 
 def _may_write(folder: Path) -> bool:
@@ -251,12 +243,12 @@ def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:
         return
     if len(observers_by_labels) == 1:
         (labels,) = observers_by_labels
-        yield ok(SCENE_FILE, f"vocabulary of the models: {', '.join(labels)} ({Vocabulary(labels).digest})")
+        yield ok(f"vocabulary of the models: {', '.join(labels)} ({Vocabulary(labels).digest})")
         return
     (most, (first, *_)), *others = sorted(observers_by_labels.items(), key=lambda pair: -len(pair[1]))
     for labels, names in others:
         what = f"{', '.join(names)}: learned for [{', '.join(labels)}], {first} for [{', '.join(most)}]"
-        yield error(SCENE_FILE, what, "learn all models from the same movements: labanmesh learn")
+        yield error(what, "learn all models from the same movements: labanmesh learn")
 
 
 def _other_motion(facts: SceneFacts) -> Iterator[Finding]:
@@ -264,7 +256,7 @@ def _other_motion(facts: SceneFacts) -> Iterator[Finding]:
     observers = [name for name, report in facts.reports.items() if report.blends_only]
     if observers:
         what = f"{', '.join(observers)}: recordings of ordinary life would teach what else people do"
-        yield hint(SCENE_FILE, what, "learn again with labanmesh learn ... --background life.npz")
+        yield hint(what, "learn again with labanmesh learn ... --background life.npz")
 
 
 def _observers_by_labels(facts: SceneFacts) -> dict[tuple[str, ...], list[str]]:
@@ -285,11 +277,11 @@ def _message_size(facts: SceneFacts) -> Iterator[Finding]:
     try:
         require_fits(scene, vocabulary)
     except BadInput as fault:
-        yield from_fault(SCENE_FILE, "error", str(fault), SCENE_WAY_OUT)
+        yield from_fault("error", str(fault), SCENE_WAY_OUT)
         return
     size = largest_judgement(scene.scene, scene.roster, vocabulary, scene.fusion.rule)
     what = f"judgements take up to {size / 1024:.1f} KiB, a message holds {SIZE_LIMIT // 1024}"
     if size < NEARLY_FULL * SIZE_LIMIT:
-        yield ok(SCENE_FILE, what)
+        yield ok(what)
     else:
-        yield warning(SCENE_FILE, what, "before you add observers or movements, shorten names or make several scenes")
+        yield warning(what, "before you add observers or movements, shorten names or make several scenes")

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
 
 from common.config import MeshConfig, Scene
 from common.credentials import Certificate, check_credentials, own_certificate
@@ -14,7 +13,6 @@ from common.zenoh_settings import MeshRole
 from deploy.doctor.findings import Finding, error, from_fault, ok, warning
 from deploy.doctor.network import SECURE, EndpointParts, NetworkFacts
 
-SECURITY: Final = "security"
 PROBE_S = 1.0
 SOON_DAYS = 30
 SECURITY_WAY_OUT = "docs/guide/security.md has the steps; labanmesh secure list shows all certificates"
@@ -78,11 +76,11 @@ def check_security(facts: SecurityFacts, now: datetime) -> list[Finding]:
     """The findings on credentials at `now` (with its time zone)."""
     findings = list(_expiry(facts.certificate, now)) if facts.certificate else []
     if facts.fault:
-        return [*findings, from_fault(SECURITY, "error", facts.fault, SECURITY_WAY_OUT)]
+        return [*findings, from_fault("error", facts.fault, SECURITY_WAY_OUT)]
     if not facts.mesh.credentials:
-        return [ok(SECURITY, "no credentials (mesh.credentials), so no encryption and no access rules")]
+        return [ok("no credentials (mesh.credentials), so no encryption and no access rules")]
     if facts.certificate is None:
-        return [error(SECURITY, f"{facts.mesh.credentials}: no certificate could be read", SECURITY_WAY_OUT)]
+        return [error(f"{facts.mesh.credentials}: no certificate could be read", SECURITY_WAY_OUT)]
     return findings
 
 
@@ -93,7 +91,7 @@ def _expiry(certificate: Certificate, now: datetime) -> Iterator[Finding]:
     roles = f" for {', '.join(certificate.roles)}" if certificate.roles else ""
     what = f"certificate {name}{roles}: valid for {days:.0f} more days, until {certificate.expires:%Y-%m-%d}"
     if days > SOON_DAYS:
-        yield ok(SECURITY, what)
+        yield ok(what)
     else:
         machine = name.rpartition(".")[0] or name
-        yield warning(SECURITY, what, f"labanmesh secure renew SCENE {machine}, and copy the new folder here")
+        yield warning(what, f"labanmesh secure renew SCENE {machine}, and copy the new folder here")

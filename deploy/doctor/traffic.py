@@ -6,7 +6,7 @@ An answer to a query may be old, so judgements and posteriors count only when th
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, TypeVar
+from typing import TypeVar
 
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
@@ -17,7 +17,6 @@ from common.wire import BadMessage, decode_from
 from deploy.doctor.findings import Finding, error, ok, warning
 
 M = TypeVar("M", bound=AnyMessage)
-THE_MESH: Final = "the mesh"
 PROCESSES_LIMIT = 64
 """How many processes are recorded; a program that invents names cannot fill a page."""
 OLD_FRAME_S = 2.0
@@ -167,7 +166,7 @@ def check_process(
     other = process.status.version if process.status else ""
     if other and version and other != version:
         what = f"{name}: labanmesh {other}, here it is {version}"
-        yield warning(THE_MESH, what, "install the same on every machine, and start that process again")
+        yield warning(what, "install the same on every machine, and start that process again")
     for reason, count in sorted(process.bad.items()):
         yield rejected(name, reason, count)
 
@@ -175,7 +174,7 @@ def check_process(
 def rejected(name: str, reason: str, count: int) -> Finding:
     """The finding on messages that cannot be used, for one reason."""
     what = f"{name}: {plural(count, 'message')} rejected: {reason.replace('_', ' ')}"
-    return error(THE_MESH, what, REJECTION_WAYS_OUT.get(reason, ANY_WAY_OUT))
+    return error(what, REJECTION_WAYS_OUT.get(reason, ANY_WAY_OUT))
 
 
 def relative_clock(skew_s: float) -> str:
@@ -190,28 +189,28 @@ def _state(name: str, process: ProcessTraffic, alive: bool, no_frames: str) -> F
         return _stateless(name, process, alive)
     what = f"{name}: {status.state}" + (f": {status.reason}" if status.reason else "")
     if status.state == "failed":
-        return error(THE_MESH, what, "correct the cause, and start it again; its log says more")
+        return error(what, "correct the cause, and start it again; its log says more")
     if status.reason == SAME_ID_REASON:
-        return error(THE_MESH, f"{name}: {status.reason}", "stop one, or give it an id of its own: fuse --id")
+        return error(f"{name}: {status.reason}", "stop one, or give it an id of its own: fuse --id")
     if not alive:
-        return warning(THE_MESH, f"{what}; this is its last status, it is not alive", "start it again; see its log")
+        return warning(f"{what}; this is its last status, it is not alive", "start it again; see its log")
     if status.state == "degraded" and OVERLOADED in what:
-        return warning(THE_MESH, *what.split("; ", 1))
+        return warning(*what.split("; ", 1))
     if status.state == "degraded":
-        return warning(THE_MESH, what, no_frames)
+        return warning(what, no_frames)
     if status.reason.startswith(STANDING_BY):
-        return ok(THE_MESH, what)
+        return ok(what)
     if status.state in ("starting", "stopping"):
-        return warning(THE_MESH, what, "run doctor again in a moment; see its log")
+        return warning(what, "run doctor again in a moment; see its log")
     if age_s is not None and age_s > OLD_FRAME_S:
-        return warning(THE_MESH, f"{what}, and its newest frame is {age_s:.0f} s old", no_frames)
+        return warning(f"{what}, and its newest frame is {age_s:.0f} s old", no_frames)
     rate = "" if status.rate_hz is None else f", {status.rate_hz:g} Hz"
-    return ok(THE_MESH, f"{what}{rate}" + ("" if age_s is None else f", newest frame {age_s:.1f} s old"))
+    return ok(f"{what}{rate}" + ("" if age_s is None else f", newest frame {age_s:.1f} s old"))
 
 
 def _stateless(name: str, process: ProcessTraffic, alive: bool) -> Finding:
     if process.bad:
-        return warning(THE_MESH, f"{name}: is there, and its status cannot be read", "see the next lines")
+        return warning(f"{name}: is there, and its status cannot be read", "see the next lines")
     if not alive:
-        return warning(THE_MESH, f"{name}: publishes, and has neither a status nor a liveliness token", ANY_WAY_OUT)
-    return warning(THE_MESH, f"{name}: alive, and publishes no status", "run doctor again in a moment; see its log")
+        return warning(f"{name}: publishes, and has neither a status nor a liveliness token", ANY_WAY_OUT)
+    return warning(f"{name}: alive, and publishes no status", "run doctor again in a moment; see its log")

@@ -201,7 +201,7 @@ def test_a_check_that_hangs_or_breaks_is_a_finding_and_the_others_are_reported()
     checks = [
         Check("cameras", 5.0, breaks),
         Check("network", 0.05, hangs),
-        Check("security", 5.0, lambda: [ok("security", "fine")]),
+        Check("security", 5.0, lambda: [ok("fine")]),
     ]
     broken, hung, fine = run_checks(checks)
     forever.set()

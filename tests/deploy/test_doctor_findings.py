@@ -204,7 +204,7 @@ def test_findings_of_the_machine_and_the_preflight_are_not_repeated():
     ],
 )  # fmt: skip
 def test_an_error_in_one_line_becomes_what_and_what_to_do(fault, what, to_do):
-    assert from_fault("network", "error", fault, "WAY") == Finding("network", "error", what, to_do)
+    assert from_fault("error", fault, "WAY") == Finding("error", what, to_do)
 
 
 def test_settings_name_their_origin():
@@ -325,9 +325,9 @@ def test_security(facts, mark, words):
 
 def test_the_page_has_marks_in_words_and_hides_nothing():
     findings = [
-        Finding("the mesh", "error", "cam1 is \x1b[31mmissing", "start it"),
-        Finding("this machine", "ok", "Python 3.11"),
-        Finding("this machine", "warning", "the clock", "set it"),
+        Finding("error", "cam1 is \x1b[31mmissing", "start it", group="the mesh"),
+        Finding("ok", "Python 3.11", group="this machine"),
+        Finding("warning", "the clock", "set it", group="this machine"),
     ]
     assert [line for line, _ in page(findings)] == [
         "this machine",
