@@ -28,6 +28,8 @@ QUERY_S = 0.5
 QUERY_AGAIN_S = 2.0
 """How often a vocabulary that judgements refer to and that is unknown here is queried, and verdicts at most."""
 LISTENER_END_S = 5.0
+VERDICTS_WAIT_LIMIT = 1000
+"""How many verdicts wait for a loop, or a broker, beyond which the oldest are dropped."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,18 +174,26 @@ def newly_decided(arrived: "deque[ArrivedVerdict]") -> list[str]:
 
 
 class SceneListener:
-    """Listens to `scene` in a thread, for a loop that talks to a broker; a context manager.
+    """Listens to `scene` in a thread, for a loop that does something else; a context manager.
 
-    note: called with every update, in that thread. state: the newest. ready: whether the last values have been queried;
-    before that `state` is incomplete. verdicts: those that arrived; the reader empties it.
+    note: called with every update, in that thread. newest_only: as in `listen`. state: the newest. ready: whether the
+    last values have been queried; before that `state` is incomplete. verdicts: those that arrived; the reader empties
+    it.
     """
 
-    def __init__(self, scene: "Scene", link: "Link", note: Callable[[SceneUpdate], None]) -> None:
+    def __init__(
+        self,
+        scene: "Scene",
+        link: "Link",
+        note: Callable[[SceneUpdate], None] = lambda update: None,
+        newest_only: bool = True,
+    ) -> None:
         self.state = SceneState(scene.scene, scene.roster, services=scene.services)
         self.ready = False
-        self.verdicts: deque[ArrivedVerdict] = deque()
+        self.verdicts: deque[ArrivedVerdict] = deque(maxlen=VERDICTS_WAIT_LIMIT)
         self._fault: Exception | None = None
-        self._scene, self._link, self._note, self._ended = scene, link, note, threading.Event()
+        self._scene, self._link, self._note, self._newest_only = scene, link, note, newest_only
+        self._ended = threading.Event()
         self._presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
         self._thread = threading.Thread(target=self._listen, name=f"listen-{scene.scene}", daemon=True)
 
@@ -199,7 +209,8 @@ class SceneListener:
 
     def _listen(self) -> None:
         try:
-            for update in listen(self._scene, self._link, lambda: not self._ended.is_set(), newest_only=True):
+            updates = listen(self._scene, self._link, lambda: not self._ended.is_set(), newest_only=self._newest_only)
+            for update in updates:
                 self.state = update.state
                 if isinstance(update.message, VerdictMessage):
                     self.verdicts.append(ArrivedVerdict(update.message, update.answered))

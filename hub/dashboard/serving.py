@@ -3,15 +3,14 @@
 import asyncio
 import socket
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import uvicorn
 
 from common import SECOND_NS
-from common.keys import observer_of
 from common.messages import VerdictMessage
 from hub.dashboard.access import AccessControl
 from hub.dashboard.application import Stream, application
@@ -27,7 +26,7 @@ from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
 from hub.people_names_file import PeopleNames
 from hub.rights import has_right
 from hub.scene_state import SceneState
-from hub.session import SceneUpdate, listen
+from hub.session import SceneListener, SceneUpdate
 from hub.teaching.lesson_server import LessonServer
 
 if TYPE_CHECKING:
@@ -60,39 +59,27 @@ class ServingRun:
     for_s: float | None = None
     alive: Callable[[], None] = lambda: None
     record: Callable[[SceneUpdate], None] = lambda update: None
-    ended: threading.Event = field(default_factory=threading.Event)
 
 
-def follow(
-    scene: "Scene",
-    link: "Link",
-    stream: LiveStream,
-    go_on: Callable[[], bool],
-    record: Callable[[SceneUpdate], None],
-    names: Callable[[], Mapping[str, str]] = dict,
-) -> None:
-    """Publish to `stream` what happens in `scene` while `go_on()`: verdicts at once, the state ten times a second."""
-    presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
-    history, sent_ns = first_history(scene), 0
-    for update in listen(scene, link, go_on):
-        record(update)
-        history = history.update(update.state, update.message)
-        before, history = history, history.with_presence(map(observer_of, presence.alive))
-        message, verdict = update.message, None
+class Follower:
+    """Publishes to `stream` what happens in a scene: verdicts at once, the state ten times a second."""
+
+    def __init__(self, setup: PageSetup, first: SceneHistory, stream: LiveStream) -> None:
+        self._setup, self._history, self._stream, self._sent_ns = setup, first, stream, 0
+
+    def note(self, update: SceneUpdate, present: Iterable[str]) -> None:
+        """Take in an update; present: the observers with a liveliness token."""
+        message, now_ns, verdict = update.message, update.state.now_ns, None
+        before = self._history.update(update.state, message)
+        self._history = history = before.with_presence(present)
         if isinstance(message, VerdictMessage):
-            verdict = event("verdict", verdict_data(message, history, scene.fusion.quorum))
-        now_ns = update.state.now_ns
+            verdict = event("verdict", verdict_data(message, history, self._setup.quorum))
         every_ns = CROWD_EVERY_NS if len(history.state.observers) > CROWD else STATE_EVERY_NS
-        if abs(now_ns - sent_ns) >= every_ns or before is not history:
-            sent_ns = now_ns
-            stream.publish(history, verdict, event("state", state_data(history, names())))
+        if abs(now_ns - self._sent_ns) >= every_ns or before is not history:
+            self._sent_ns = now_ns
+            self._stream.publish(history, verdict, event("state", state_data(history, self._setup.names())))
         elif verdict is not None:
-            stream.publish(history, verdict)
-
-
-def first_history(scene: "Scene") -> SceneHistory:
-    """The state before the first message."""
-    return SceneHistory(SceneState(scene.scene, scene.roster, services=scene.services))
+            self._stream.publish(history, verdict)
 
 
 def serve_scene(
@@ -104,36 +91,28 @@ def serve_scene(
         people = PeopleNames(scene)
         page = replace(setup, names=lambda: people.names)
         pictures = PictureRelay(scene.keys, setup.pictures, link, has_right(scene, "pictures"))
-        stream = LiveStream(page, first_history(scene), run.alive)
-        with _teach_page(access, scene, link, setup.file) as (teach, note):
-            faults: list[BaseException] = []
+        first = SceneHistory(SceneState(scene.scene, scene.roster, services=scene.services))
+        stream = LiveStream(page, first, run.alive)
+        follower = Follower(page, first, stream)
+        with _teach_page(access, scene, link, setup.file) as (teach, note_lesson):
 
-            def record(update: SceneUpdate) -> None:
+            def note(update: SceneUpdate) -> None:
                 run.record(update)
-                note(update)
+                note_lesson(update)
+                follower.note(update, listener.tokens)
 
-            def listen_to_mesh() -> None:
-                try:
-                    follow(scene, link, stream, lambda: not run.ended.is_set(), record, page.names)
-                except BaseException as error:  # noqa: BLE001 - raised in the main thread below
-                    faults.append(error)
-                    run.stop.set()
+            def tidy() -> None:
+                pictures.end_unwatched()
+                listener.check()
 
-            thread = threading.Thread(target=listen_to_mesh, name="mesh")
-            thread.start()
-            try:
-                rights = has_right(scene, "history"), has_right(scene, "pictures")
-                more = [*history_routes(scene, access.teaches, *rights), *phone_routes(scene, access)]
-                more += people_routes(people, access)
-                app = application(
-                    access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, more
-                )
-                await _serve(app, port, run, lambda: _end(stream, teach), pictures.end_unwatched)
-            finally:
-                run.ended.set()
-                await asyncio.to_thread(thread.join)
-        if faults:
-            raise faults[0]
+            rights = has_right(scene, "history"), has_right(scene, "pictures")
+            more = [*history_routes(scene, access.teaches, *rights), *phone_routes(scene, access)]
+            more += people_routes(people, access)
+            app = application(
+                access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach, more
+            )
+            with SceneListener(scene, link, note, newest_only=False) as listener:
+                await _serve(app, port, run, lambda: _end(stream, teach), tidy)
 
     asyncio.run(main())
 
@@ -201,12 +180,14 @@ async def _serve(
     async def end() -> None:
         loop = asyncio.get_running_loop()
         end_s = None if run.for_s is None else loop.time() + run.for_s
-        while not (run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
-            await asyncio.sleep(SERVER_CHECK_S)
-            tidy()
-        accepting.cancel()
-        server.should_exit = True
-        close()
+        try:
+            while not (run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
+                await asyncio.sleep(SERVER_CHECK_S)
+                tidy()
+        finally:
+            accepting.cancel()
+            server.should_exit = True
+            close()
 
     accepting = asyncio.create_task(accept_connections(port, table, connection))
     ending = asyncio.create_task(end())

@@ -21,14 +21,13 @@ from hub.mqtt.entities import Topics, discovery
 from hub.mqtt.events import EVENT_S, Publication, VerdictEvents, early_event, last_event_state, last_verdict_state
 from hub.mqtt.states import RetainedState, SceneSnapshot, reported_facets, retained_states
 from hub.scene_state import SceneState
+from hub.session import VERDICTS_WAIT_LIMIT
 
 if TYPE_CHECKING:
     from common.config import Scene
 
 ALL = "*"
 """In `hub.mqtt.movements`: every movement has a binary sensor, also one that is taught later."""
-MESSAGES_LIMIT = 1000
-"""How many verdicts wait for a broker; beyond it the oldest are dropped and counted in `left_out`."""
 
 
 class SceneBridge:
@@ -67,7 +66,7 @@ class SceneBridge:
         self._received.append((verdict, answered, now_s))
         if not answered:
             self.counters.take(verdict)
-        if len(self._received) > MESSAGES_LIMIT:
+        if len(self._received) > VERDICTS_WAIT_LIMIT:
             self._verdict_events.remember(self._received.popleft()[0])
             self.left_out += 1
 

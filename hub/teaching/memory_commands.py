@@ -58,7 +58,7 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
         present = names_of(find_observers(scene, link, stop), scene)
         if not present:
             raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
-        with SceneListener(scene, link, lambda _: None) as listener:
+        with SceneListener(scene, link) as listener:
             interface, ask = Terminal(stop, listener, keyboard=False), TeachingClient(link, scene.keys).ask
             replies = ask(TeachRequest(command="status", teacher=teacher), present).replies
             if not replies:

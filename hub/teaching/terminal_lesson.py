@@ -40,7 +40,7 @@ def run_lesson(
     Raises BadInput for a plan that needs a keyboard where there is none, LabanmeshError if the lesson cannot go on.
     """
     present, client = present_observers(config, file, presence), TeachingClient(link, config.keys)
-    with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:
+    with SceneListener(config, link) as listener, single_keys() as keyboard:
         if plan.begin == "key" and not keyboard:
             raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
         interface = Terminal(stop, listener, keyboard, beeps)

@@ -9,12 +9,12 @@ from processes import until
 
 from common.errors import BadInput
 from common.messages import Contribution
-from hub.mqtt.bridge import MESSAGES_LIMIT, SceneBridge
+from hub.mqtt.bridge import SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
 from hub.mqtt.events import EVENT_S, last_verdict_state, recalled_ns, verdict_event
 from hub.mqtt.states import FAST_S, PRESENT_S, SLOW_S, STATE_REPEAT_S
 from hub.scene_state import SceneState
-from hub.session import SceneListener
+from hub.session import VERDICTS_WAIT_LIMIT, SceneListener
 
 TOPICS = Topics("room", bridge_topic("labanmesh", "room"))
 OBSERVERS = ("cam1", "cam2")
@@ -241,10 +241,10 @@ def test_an_event_waits_for_the_broker_but_not_for_ever(driver, make):
     driver.due(0.0)
     assert bridge.next_event(1.0) == bridge.next_event(EVENT_S) is not None, "it was not confirmed"
     assert bridge.next_event(EVENT_S + 0.1) is None and bridge.left_out == 1
-    for number in range(2, MESSAGES_LIMIT + 4):
+    for number in range(2, VERDICTS_WAIT_LIMIT + 4):
         bridge.receive(make.verdict(number), 50.0)
     driver.due(50.0)
-    assert len(driver.events(50.0)) == MESSAGES_LIMIT and bridge.left_out == 3
+    assert len(driver.events(50.0)) == VERDICTS_WAIT_LIMIT and bridge.left_out == 3
 
 
 def test_a_verdict_from_before_is_no_event(driver, make):
