@@ -19,7 +19,7 @@ from common.text import plural
 from hub.anticipation import EarlyWord
 from hub.same_id import in_words
 from hub.scene_state import SOMETHING_ELSE, ObserverState, RankedLabel, SceneState, is_abstention
-from hub.terminal_widgets import MANNER_LINES, ShareBar, grid, manner_table
+from hub.terminal_widgets import ShareBar, grid
 from hub.wording import (
     WAITING,
     age,
@@ -31,6 +31,7 @@ from hub.wording import (
     duration,
     fall_words,
     label_words,
+    manner,
     percent,
     person_line,
     score_words,
@@ -69,12 +70,10 @@ def render(
         return _compact(state, width, height, early, notice)
     labels, log_lines = _fitting(rows, height)
     corners = [_corners(observers[i : i + columns], columns, labels, state) for i in range(0, len(observers), columns)]
-    manner = manner_table(None if state.waiting else state.judgement, width) if log_lines >= MANNER_LINES else None
-    log_lines -= MANNER_LINES if manner is not None else 0
-    below: list[RenderableType] = [] if manner is None else [manner]
-    lines = [person_line(each) for each in state.people]
-    below += [Text("  ".join(lines), no_wrap=True, overflow="ellipsis")] if len(lines) > 1 else []
-    log_lines -= len(lines) > 1
+    how = "" if state.judgement is None or state.waiting else manner(state.judgement)
+    people = "  ".join(map(person_line, state.people)) if len(state.people) > 1 else ""
+    below = [Text(line, no_wrap=True, overflow="ellipsis") for line in (how, people) if line][: max(0, log_lines)]
+    log_lines -= len(below)
     log = [] if log_lines < 1 else [_log(state.verdicts[:log_lines])]
     above = -(-rows // 2)
     fusion = _fusion(state, early, notice)

@@ -8,7 +8,7 @@ _labanmesh() {
             "demo "*) words="--motion --subject --output --seed --pixels --no-pixels" ;;
             "init "*) words="--source --look --no-look" ;;
             "up "*) words="--for --exit-when-done" ;;
-            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --beep --no-beep --up --rehearse --was --learn --earlier --restore --film --observer" ;;
+            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --up --rehearse --was --learn --earlier --restore --film --observer" ;;
             "doctor "*) words="--json --for --verbose --cameras --observers --ready --process" ;;
             "watch "*) words="--json --for" ;;
             "dashboard "*) words="--capture --listen --token-file --teach --for" ;;

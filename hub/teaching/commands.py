@@ -72,7 +72,6 @@ class TeachOptions:
         Literal["still", "clap", "key", "now"],
         typer.Option(help="What begins a movement's takes: you stand still, clap once, or press a key."),
     ] = "still"
-    beep: Annotated[bool, typer.Option("--beep/--no-beep", help="Beep while it counts down.")] = True
     up: Annotated[
         bool, typer.Option("--up", help="If nothing runs yet, run the scene here too, and show it after the lesson.")
     ] = False
@@ -170,7 +169,7 @@ def _teach(options: TeachOptions, rehearsal: "Rehearsal | None", here: ExitStack
         # Of a rehearsal's scene nothing runs yet: its endpoint is its own.
         presence = presence_of(config, link) if rehearsal else find_observers(config, link, stop)
         log = _started_here(options, config, presence, stop, rehearsal, here)
-        run_lesson(_plan(options), config, link, presence, stop, options.beep, rehearsal, options.scene)
+        run_lesson(_plan(options), config, link, presence, stop, rehearsal, options.scene)
     if rehearsal is not None:
         return
     if log is None:

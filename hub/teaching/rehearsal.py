@@ -73,10 +73,8 @@ class Rehearsal:
 class RehearsalTerminal(Terminal):
     """A terminal that also tells the performer what is shown."""
 
-    def __init__(
-        self, rehearsal: Rehearsal, stop: "Event", listener: "SceneListener", keyboard: bool, beeps: bool
-    ) -> None:
-        super().__init__(stop, listener, keyboard, beeps)
+    def __init__(self, rehearsal: Rehearsal, stop: "Event", listener: "SceneListener", keyboard: bool) -> None:
+        super().__init__(stop, listener, keyboard)
         self._rehearsal, self._asked = rehearsal, ""
 
     def show(self, step: Step) -> None:

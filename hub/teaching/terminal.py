@@ -25,13 +25,12 @@ REPEAT, DROP, SKIP = "r", "d", "s"
 class Terminal:
     """A `LessonInterface` in a terminal: lines that stay above, and below them what changes. Elsewhere only lines.
 
-    keyboard: single keys can be read. beeps: the terminal's bell is rung; never where there is no terminal.
+    keyboard: single keys can be read.
     """
 
-    def __init__(self, stop: threading.Event, listener: SceneListener, keyboard: bool, beeps: bool = True) -> None:
+    def __init__(self, stop: threading.Event, listener: SceneListener, keyboard: bool) -> None:
         self._stop, self._listener, self._keyboard = stop, listener, keyboard
         self._changing = sys.stdout.isatty()
-        self._beeps = beeps and self._changing
         self._shown = 0
         self._kind = ""
 
@@ -99,7 +98,7 @@ class Terminal:
         return "\r" + (f"\x1b[{up}A" if up else "") + "\x1b[J"
 
     def _beep(self, times: int) -> None:
-        for n in range(times if self._beeps else 0):
+        for n in range(times):
             if n:
                 self.pause(BEEP_S)
             print("\a", end="", flush=True)

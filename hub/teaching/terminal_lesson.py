@@ -31,7 +31,6 @@ def run_lesson(
     link: "Link",
     presence: "Presence",
     stop: threading.Event,
-    beeps: bool,
     rehearsal: Rehearsal | None,
     file: Path,
 ) -> None:
@@ -43,9 +42,9 @@ def run_lesson(
     with SceneListener(config, link) as listener, single_keys() as keyboard:
         if plan.begin == "key" and not keyboard:
             raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
-        interface = Terminal(stop, listener, keyboard, beeps)
+        interface = Terminal(stop, listener, keyboard)
         if rehearsal is not None:
-            interface = RehearsalTerminal(rehearsal, stop, listener, keyboard, beeps)
+            interface = RehearsalTerminal(rehearsal, stop, listener, keyboard)
         observers = teachable_observers(client, plan.teacher, present, interface, file)
         Lesson(plan, interface, client.ask, observers).run()
         if rehearsal is not None:

@@ -10,7 +10,7 @@ def test_the_counter_shows_the_number_large_and_counts_to_a_target(play, look):
     assert not page.is_visible("#counter"), "nothing is repeated"
     scene.publish(1, "ok", repetitions=7, partial_repetitions=2)
     page.wait_for_selector("#counter:not([hidden])")
-    assert page.inner_text("#counted") == "7" and page.inner_text("#counted-words") == "2 partial"
+    assert page.inner_text("#counted") == "7" and page.inner_text("#counted-words") == "times, 2 partial"
     assert (
         page.evaluate("() => parseFloat(getComputedStyle(document.querySelector('#counted')).fontSize)") >= MOST_PIXELS
     )

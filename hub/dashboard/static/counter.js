@@ -19,7 +19,8 @@ export function showCounter(verdicts, state, announce) {
   put($("counter-title"), words(label));
   put($("counted"), String(target && done ? (done - 1) % target + 1 : done));
   const sets = target ? Math.floor(done / target) : 0, parts = [];
-  if (target) parts.push(`of ${target}${sets + !complete > 1 ? `, set ${sets + !complete}` : ""}`);
+  if (!target) parts.push(done === 1 ? "time" : "times");
+  else parts.push(`of ${target}${sets + !complete > 1 ? `, set ${sets + !complete}` : ""}`);
   if (partial > 0) parts.push(`${partial} partial`);
   put($("counted-words"), parts.join(", "));
   mark($("counter"), "kind", complete ? "complete" : "open");

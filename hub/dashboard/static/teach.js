@@ -8,6 +8,8 @@ import { count, words } from "./words.js";
 const VIEW_MS = 300, AGAIN_MS = 1000;
 const IDEAS = ["wave", "point", "clap", "circle", "stop"];
 const LABEL = /^[a-z0-9_]{1,64}$/;
+const [, reason, typed] = /^(.*: )(labanmesh [^;]*)$/s.exec($("off").textContent) || [];
+if (typed) showAdvice($("off"), [reason, typed]);
 let key = stored("teach-key"), state = null, chosen = [], wanted = null;
 
 /* Small helpers. */

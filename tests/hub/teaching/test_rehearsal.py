@@ -36,7 +36,7 @@ def acted():
 
 
 def test_the_performer_does_what_the_screen_asks_each_take_anew(acted, capsys):
-    screen = RehearsalTerminal(acted, threading.Event(), None, keyboard=False, beeps=False)
+    screen = RehearsalTerminal(acted, threading.Event(), None, keyboard=False)
     for kind in ("waiting", "countdown", "now", "kept", "countdown", "now", "kept", "other", "other", "learning"):
         screen.show(Step(kind, "" if kind == "other" else "point"))
     assert acted.process.asked == ["rest", "act point", "rest", "act point", "rest", "live", "rest"]

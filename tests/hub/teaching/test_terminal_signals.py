@@ -39,9 +39,6 @@ def test_a_countdown_is_large_and_beeps_and_lines_stay_above_it(screen):
     assert removed.endswith("\x1b[Jwave 1 of 5: kept by sofa (1.9 s)\n") and "A\x1b[J" in removed
     interface.say("next")
     assert "A\x1b[J" not in screen(), "only what changes is removed"
-    quiet = Terminal(threading.Event(), None, keyboard=False, beeps=False)
-    quiet.show(Step("now", "wave", 1, 5))
-    assert "\a" not in screen()
 
 
 def test_without_a_terminal_there_are_lines_and_no_beeps(capsys):
