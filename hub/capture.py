@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,8 +23,6 @@ from common.link import Link
 from common.text import plural
 
 if TYPE_CHECKING:
-    from rich.status import Status
-
     from common.capture_file import CaptureWriter
 
 CAPTURE_TAKE_S = 0.1
@@ -36,6 +34,7 @@ INBOX_LIMIT = 65_536
 INBOX_BYTES = 64 << 20
 """The largest of them together: twenty seconds of a scene of ten cameras whose messages are full of detail."""
 PROGRESS_EVERY_S = 10.0
+"""Between two lines of progress; on a terminal one line is written over and over."""
 BYTES_PER_MB = 1_000_000
 
 
@@ -145,41 +144,14 @@ class SceneCapture:
         self._kinds[key.rsplit("/", 1)[-1] if kind == "put" else kind] += 1
 
 
-class CaptureProgress:
-    """Shows progress on stderr: one changing line on a terminal, else a line every ten seconds; a context manager."""
-
-    def __init__(self, name: str) -> None:
-        self._name, self._shown_s = name, time.monotonic()
-        self._status: Status | None = None
-
-    def __call__(self, summary: CaptureSummary) -> None:
-        """Show `summary` if it is time."""
-        line = f"{self._name}: {summary}"
-        if self._status is not None:
-            self._status.update(line)
-        elif time.monotonic() - self._shown_s >= PROGRESS_EVERY_S:
-            self._shown_s = time.monotonic()
-            print(line, file=sys.stderr, flush=True)
-
-    def __enter__(self) -> Self:
-        if sys.stderr.isatty():
-            from rich.console import Console
-
-            self._status = Console(stderr=True).status(f"{self._name}: listening")
-            self._status.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._status is not None:
-            self._status.stop()
-
-
 def record(scene: Scene, link: Link, writer: "CaptureWriter", go_on: Callable[[], bool]) -> CaptureSummary:
-    """Write everything published in `scene` into `writer` while `go_on()`."""
-    with CaptureProgress(str(writer.path)) as progress:
-        scene_capture = SceneCapture(scene, link, writer, time.time_ns)
-        while go_on():
-            scene_capture.step()
-            progress(scene_capture.summary)
+    """Write everything published in `scene` into `writer` while `go_on()`, and show the progress on stderr."""
+    scene_capture, end = SceneCapture(scene, link, writer, time.time_ns), "\r" if sys.stderr.isatty() else "\n"
+    every_s, shown_s = (CAPTURE_TAKE_S if end == "\r" else PROGRESS_EVERY_S), time.monotonic()
+    while go_on():
         scene_capture.step()
-        return scene_capture.summary
+        if time.monotonic() - shown_s >= every_s:
+            shown_s = time.monotonic()
+            print(f"{writer.path}: {scene_capture.summary}", end=end, file=sys.stderr, flush=True)
+    scene_capture.step()
+    return scene_capture.summary

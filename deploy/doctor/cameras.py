@@ -3,7 +3,6 @@
 Only `--cameras` opens cameras, each in a process of its own. The checks at the end are pure.
 """
 
-import grp
 import os
 import subprocess
 import sys
@@ -34,12 +33,11 @@ ADVICE, ALL_WELL, OWN_ERROR = "-> ", "nothing to do", "labanmesh: "
 
 @dataclass(frozen=True, slots=True)
 class Webcam:
-    """A camera of this machine. place: /dev/videoN. name: its maker's. group: of the users who may read it."""
+    """A camera of this machine. place: /dev/videoN. name: its maker's."""
 
     place: str
     name: str = ""
     access: CameraAccess = "readable"
-    group: str = "video"
 
     def __str__(self) -> str:
         return f"{self.place} ({self.name})" if self.name else self.place
@@ -47,7 +45,7 @@ class Webcam:
     @property
     def permission(self) -> str:
         """The command that lets this user read it."""
-        return f"sudo usermod -aG {self.group} $USER, then log in again"
+        return "sudo usermod -aG video $USER, then log in again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,15 +113,7 @@ def _webcam(place: Path, names: Path) -> Webcam:
     access: CameraAccess = "absent"
     if place.exists():
         access = "readable" if os.access(place, os.R_OK | os.W_OK) else "forbidden"
-    return Webcam(str(place), _read(names / place.name / "name"), access, _group(place))
-
-
-def _group(place: Path) -> str:
-    try:
-        name = grp.getgrgid(place.stat().st_gid).gr_name
-    except (OSError, KeyError):
-        return "video"
-    return name if name != "root" else "video"
+    return Webcam(str(place), _read(names / place.name / "name"), access)
 
 
 def _network_camera(source: str) -> NetworkCamera:

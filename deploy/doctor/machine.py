@@ -1,13 +1,9 @@
-"""This machine: Python and its packages, clock, disk, memory. The functions after `machine_needs` are pure.
-
-Where the kernel does not tell whether the clock is synchronised, timedatectl is asked.
-"""
+"""This machine: Python and its packages, clock, disk, memory. The functions after `machine_needs` are pure."""
 
 import ctypes
 import platform
 import re
 import shutil
-import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -35,7 +31,6 @@ CASCADE = "haarcascade_frontalface_alt2.xml"
 """The one that trackers and `labanmesh camera look` use."""
 UNSYNCHRONISED_US = 16_000_000
 """With this maximum error the kernel's clock counts as unsynchronised; timedatectl uses the same limit."""
-TOOL_S = 1.0
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?\s*(?P<bounds>[^;]*?)\s*(;\s*(?P<marker>.*))?\Z")
 BOUND = re.compile(r"(<=|>=|==|!=|<|>)\s*([\d.]+)")
 EXTRA = re.compile(r"""extra\s*==\s*["']([\w-]+)["']""")
@@ -120,7 +115,7 @@ def installed_version(name: str) -> str:
 
 
 def clock_state() -> ClockState:
-    """Whether this machine's clock is synchronised, as the kernel says, else timedatectl."""
+    """Whether this machine's clock is synchronised, as the kernel says."""
     # struct timex begins with modes, offset, freq and maxerror, a word each; it has less than 64 words.
     timex = (ctypes.c_long * 64)()
     try:
@@ -129,13 +124,7 @@ def clock_state() -> ClockState:
         result = -1
     if result >= 0:
         return "synchronised" if timex[3] < UNSYNCHRONISED_US else "free"
-    command = ["timedatectl", "show", "-p", "NTPSynchronized", "--value"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TOOL_S, check=False)  # noqa: S603
-    except (OSError, subprocess.TimeoutExpired):
-        return "unknown"
-    states: dict[str, ClockState] = {"yes": "synchronised", "no": "free"}
-    return states.get(done.stdout.strip(), "unknown")
+    return "unknown"
 
 
 def requirements(lines: Iterable[str], python: str) -> Iterator[tuple[str, str, str]]:

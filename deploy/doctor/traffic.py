@@ -113,10 +113,8 @@ class MeshTraffic:
             process = _process(self.fusions, judgement.fusion)
             process.judgements += 1
             process.why = judgement.why or ""
-            trusts = {name: vote.label_reliability for name, vote in judgement.votes.items()}
-            process.contradicted = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}
-            trusts = {name: vote.rest_reliability for name, vote in judgement.votes.items()}
-            process.about_rest = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}
+            process.contradicted = _distrusted({name: v.label_reliability for name, v in judgement.votes.items()})
+            process.about_rest = _distrusted({name: v.rest_reliability for name, v in judgement.votes.items()})
             process.hashes.add(judgement.vocabulary.hash)
             process.count_number("", judgement.seq)
 
@@ -136,6 +134,10 @@ class MeshTraffic:
             skew_s = (status.at_ns - now_ns) / SECOND_NS
             # Transport only makes a clock seem slower: the greatest is the nearest to the truth.
             process.skew_s = skew_s if process.skew_s is None else max(process.skew_s, skew_s)
+
+
+def _distrusted(trusts: Mapping[str, float | None]) -> dict[str, float]:
+    return {name: trust for name, trust in trusts.items() if trust is not None and trust < CONTRADICTED}
 
 
 def _decoded(key: str, kind: type[M], payload: bytes, bad: Counter[str]) -> M | None:

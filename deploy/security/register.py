@@ -41,11 +41,10 @@ class Roles(BaseModel):
     @property
     def words(self) -> tuple[str, ...]:
         """The roles as the certificate carries them: `observer:cam1`, `fusion:home/fusion`, `hub`, `hub:home`."""
-        flags = [("hub", self.hub), ("router", self.router), ("pictures", self.pictures), ("teach", self.teach)]
-        flags.append(("history", self.history))
+        flags = [name for name in ("hub", "router", "pictures", "teach", "history") if getattr(self, name)]
         by_id = [("observer", self.observers), ("fusion", self.fusions), ("hub", self.hub_of)]
         words = [f"{kind}:{name}" for kind, names in by_id for name in names]
-        return (*words, *(word for word, has in flags if has))
+        return (*words, *flags)
 
     def observers_in(self, scene: str) -> tuple[str, ...]:
         """The observers that it may be in `scene`."""
@@ -61,15 +60,9 @@ class Roles(BaseModel):
 
     def only_in(self, scene: str) -> "Roles":
         """The same roles, for `scene` and no other one."""
-        return Roles(
-            observers=tuple(f"{scene}/{name}" for name in self.observers),
-            fusions=tuple(f"{scene}/{name}" for name in self.fusions),
-            hub_of=(scene,) if self.hub else (),
-            router=self.router,
-            pictures=self.pictures,
-            teach=self.teach,
-            history=self.history,
-        )
+        observers, fusions = (tuple(f"{scene}/{name}" for name in names) for names in (self.observers, self.fusions))
+        scoped = {"observers": observers, "fusions": fusions, "hub": False, "hub_of": (scene,) if self.hub else ()}
+        return self.model_copy(update=scoped)
 
     def __str__(self) -> str:
         return ", ".join(self.words).replace(":", " ")

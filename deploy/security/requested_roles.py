@@ -24,9 +24,16 @@ def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
     identifier(name, "machine")
     if len(name) > LONGEST_NAME:
         raise BadInput(f"machine = {name!r}: {len(name)} characters; choose a name of at most {LONGEST_NAME}")
-    for right, what in HUB_RIGHTS.items():
-        if getattr(requested, right):
-            return _with_right(scenes, name, requested, right, what)
+    rights = {right: True for right in HUB_RIGHTS if getattr(requested, right)}
+    roles = _without_rights(scenes, name, requested.model_copy(update=dict.fromkeys(HUB_RIGHTS, False)))
+    for right in rights:
+        if not (roles.hub or roles.hub_of):
+            what = HUB_RIGHTS[right]
+            raise BadInput(f"--{right}: {name} is for {roles}, and only a hub {what}; add --hub, or --hub-of SCENE")
+    return roles.model_copy(update=rights)
+
+
+def _without_rights(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
     if requested.words:
         hub_of = tuple(_scene(scenes, scene).scene for scene in requested.hub_of)
         return Roles(
@@ -53,14 +60,6 @@ def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
         f"{name!r}: no process has this name ({known}, hub, router); say what this machine is for: "
         "--observer ID, --fusion ID, --hub, --router"
     )
-
-
-def _with_right(scenes: Sequence["Scene"], name: str, requested: Roles, right: str, what: str) -> Roles:
-    """The roles without that right, which must be a hub's, and the right."""
-    roles = roles_of(scenes, name, requested.model_copy(update={right: False}))
-    if not (roles.hub or roles.hub_of):
-        raise BadInput(f"--{right}: {name} is for {roles}, and only a hub {what}; add --hub, or --hub-of SCENE")
-    return roles.model_copy(update={right: True})
 
 
 def _observer(scenes: Sequence["Scene"], name: str) -> str:

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
-from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import PHONE
 from hub.dashboard.access import NO_STORE, AccessControl
-from hub.dashboard.teach_routes import change_refusal
+from hub.dashboard.teach_routes import for_teachers
 from hub.phone.register_file import RegisterFile, register_path
 from hub.phone.shown_phone import CODES_PATH, ShownPhone, read_shown_phones
 
@@ -39,16 +39,10 @@ def phone_routes(scene: "Scene", access: AccessControl) -> list[Route]:
     file = RegisterFile(register_path(scene))
 
     async def phones(request: Request) -> Response:
-        headers = {"cache-control": NO_STORE}
-        if (refused := await change_refusal(request, access)) is not None:
-            return refused
-        try:
-            shown = await run_in_threadpool(ask_for_phones, file)
-        except LabanmeshError as error:
-            return PlainTextResponse(f"{error}\n", 503, headers)
-        return JSONResponse([each.model_dump() for each in shown], headers=headers)
+        shown = await run_in_threadpool(ask_for_phones, file)
+        return JSONResponse([each.model_dump() for each in shown], headers={"cache-control": NO_STORE})
 
-    return [Route("/phones", phones)]
+    return [Route("/phones", for_teachers(access, phones, 503))]
 
 
 def ask_for_phones(file: RegisterFile) -> tuple[ShownPhone, ...]:

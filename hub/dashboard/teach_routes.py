@@ -19,7 +19,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from common.vocabulary import LABEL
 from hub.dashboard.access import (
     COOKIE,
@@ -108,12 +108,7 @@ class TeachPage:
                 self._access.record_wrong(address, authorization)
                 await asyncio.sleep(WRONG_TOKEN_S if authorization else 0.0)
                 return PlainTextResponse("The token is missing or wrong.\n", 401, {"www-authenticate": "Bearer"})
-            try:
-                return await handle(request)
-            except TimeoutError:
-                return PlainTextResponse("Too slow.\n", 408)
-            except BadInput as error:
-                return PlainTextResponse(f"{error}\n", 409)
+            return await _in_one_line(handle, request, 409)
 
         return answer
 
@@ -211,7 +206,26 @@ def is_foreign(request: Request) -> bool:
     return origin is not None and urlsplit(origin).netloc != request.headers.get("host", "")
 
 
-async def change_refusal(request: Request, access: AccessControl) -> Response | None:
+def for_teachers(access: AccessControl, handle: Handle, bad_input: int) -> Handle:
+    """What only teachers may see and change. bad_input: the status then."""
+
+    async def answer(request: Request) -> Response:
+        return await _change_refusal(request, access) or await _in_one_line(handle, request, bad_input)
+
+    return answer
+
+
+async def _in_one_line(handle: Handle, request: Request, bad_input: int) -> Response:
+    headers = {"cache-control": NO_STORE}
+    try:
+        return await handle(request)
+    except TimeoutError:
+        return PlainTextResponse("Too slow.\n", 408, headers)
+    except LabanmeshError as error:
+        return PlainTextResponse(f"{error}\n", bad_input if isinstance(error, BadInput) else 503, headers)
+
+
+async def _change_refusal(request: Request, access: AccessControl) -> Response | None:
     """The answer to a request for what only teachers may see and change, if it is refused."""
     authorization, headers = request.headers.get("authorization", ""), {"cache-control": NO_STORE}
     if is_foreign(request):

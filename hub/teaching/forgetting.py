@@ -8,6 +8,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
 from common.teaching_messages import ForgottenReport, TeachReply, Unwanted
@@ -15,6 +16,9 @@ from common.text import nearest, plural
 from hub.teaching.correcting import vocabulary_in_force
 from hub.teaching.learning import adopt, learn
 from hub.teaching.participants import Participants
+
+if TYPE_CHECKING:
+    from common.config import Scene
 
 
 def forget(
@@ -66,6 +70,11 @@ def removed_line(report: ForgottenReport) -> str:
     parts += [plural(report.clips, "clip")] if report.clips else []
     line = f"removed {', '.join(parts)}" if parts else "had nothing of it on its disk"
     return f"{line}; learns anew without it" if report.in_model else line
+
+
+def clip_keepers_of(scene: "Scene") -> list[str]:
+    """The observers that keep clips of verdicts."""
+    return [name for name in scene.roster if scene.observer(name).clips.folder]
 
 
 def untouched_line(clip_keepers: Collection[str], *, clips: bool) -> str:

@@ -1,6 +1,7 @@
 """The JSON of the Teach page: the state of the lesson for the page, and requests from it. Pure."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, get_args
 
 from common import MS_NS
@@ -11,7 +12,8 @@ from common.teaching_messages import TeachReply, Unwanted, require_person
 from common.text import nearest
 from common.vocabulary import LABEL, RESERVED
 from hub.scene_state import is_abstention
-from hub.teaching.interface import Action, ActionKind, Begin, Step
+from hub.teaching.forgetting import clip_keepers_of
+from hub.teaching.interface import Action, ActionKind, Begin
 from hub.teaching.lesson import LessonPlan
 from hub.teaching.page_memory import Missed, WantedCorrections
 from hub.teaching.wording import begun_labels, known_labels, presence_line
@@ -37,6 +39,7 @@ def lesson_server_data(lesson_server: "LessonServer") -> Json:
     """The state of teaching as the page shows it: observers, known movements, and the lesson."""
     version, replies, lesson = lesson_server.version, lesson_server.observers, lesson_server.lesson
     pictures = {name for name, section in lesson_server.scene.observers.items() if section.picture_hz}
+    clip_keepers = clip_keepers_of(lesson_server.scene)
     return {
         "version": version,
         "scene": lesson_server.scene.scene,
@@ -47,7 +50,7 @@ def lesson_server_data(lesson_server: "LessonServer") -> Json:
             {
                 **_observer(name, reply, name in lesson_server.silent),
                 "picture": name in pictures,
-                "clips": name in lesson_server.clip_keepers,
+                "clips": name in clip_keepers,
             }
             for name, reply in replies.items()
         ],
@@ -160,7 +163,7 @@ def _lesson(lesson: "PageLesson") -> Json:
         "id": lesson.id,
         "number": shown.number,
         "waits": shown.waits,
-        "step": _step(shown.step),
+        "step": {**asdict(shown.step), "left_s": round(shown.step.left_s, 1)},
         "purpose": lesson.purpose,
         "examples": [{"label": each.label, "takes": dict(each.takes)} for each in lesson.examples],
         **({"labels": []} if plan is None else _plan(plan)),
@@ -217,18 +220,6 @@ def _news(lesson: "PageLesson") -> list[str]:
         begins = [n for n, text in enumerate(newest) if text.startswith(f"{step.label} ")]
         return newest[begins[-1] if begins else 0 :][-NEWS_SHOWN:]
     return [line.text for line in lines if line.kind == step.kind and step.kind in ("learning", "other")][-NEWS_SHOWN:]
-
-
-def _step(step: Step) -> Json:
-    return {
-        "kind": step.kind,
-        "label": step.label,
-        "number": step.number,
-        "of": step.of,
-        "left": round(step.left_s, 1),
-        "test": step.is_test,
-        "how": step.how,
-    }
 
 
 def _observer(name: str, reply: TeachReply | None, silent: bool) -> Json:

@@ -22,7 +22,7 @@ from common.teaching_messages import ShownTracks, TeachReply, TeachRequest, Unwa
 from hub.scene_state import SceneState
 from hub.session import ArrivedVerdict, SceneUpdate, newly_decided
 from hub.teaching.correcting import clock_offsets, fusion_ns
-from hub.teaching.forgetting import forget, untouched_line
+from hub.teaching.forgetting import clip_keepers_of, forget, untouched_line
 from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.page_interface import MOVED_ON, PageInterface, PageLesson, Purpose
@@ -116,11 +116,6 @@ class LessonServer:
 
         self._begin(secrets.token_hex(8), None, learn_anew, "correct")
 
-    @property
-    def clip_keepers(self) -> list[str]:
-        """The observers that keep clips of verdicts."""
-        return [name for name in self.scene.roster if self.scene.observer(name).clips.folder]
-
     def forget(self, unwanted: Unwanted, *, clips: bool) -> None:
         """Remove a person's takes, a movement's, or everything; raises BadInput, one line, if it cannot begin.
 
@@ -130,7 +125,7 @@ class LessonServer:
         def forget_everywhere(lesson: PageLesson, present: Sequence[str]) -> None:
             missing = [name for name in self.scene.roster if name not in present]
             forget(self._participants(lesson, present), unwanted, missing, clips=clips)
-            lesson.interface.say(on_a_page(untouched_line(self.clip_keepers, clips=clips)))
+            lesson.interface.say(on_a_page(untouched_line(clip_keepers_of(self.scene), clips=clips)))
 
         self._begin(secrets.token_hex(8), None, forget_everywhere, "forget")
 

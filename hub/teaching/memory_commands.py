@@ -30,14 +30,13 @@ OBSERVERS_READY_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class TaughtScene:
-    """A running scene. missing: observers that do not run, or do not answer. clip_keepers: those that keep clips."""
+    """A running scene. missing: observers that do not run, or do not answer."""
 
     scene: "Scene"
     participants: "Participants"
     interface: "LessonInterface"
     listener: "SceneListener"
     missing: "Collection[str]"
-    clip_keepers: "Collection[str]"
 
 
 @contextmanager
@@ -66,8 +65,7 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
             missing = [name for name in scene.roster if name not in replies]
             participants = Participants(teacher, interface, ask, list(replies), add=True)
             try:
-                clip_keepers = [name for name in scene.roster if scene.observer(name).clips.folder]
-                yield TaughtScene(scene, participants, interface, listener, missing, clip_keepers)
+                yield TaughtScene(scene, participants, interface, listener, missing)
             finally:
                 ask(TeachRequest(command="leave", teacher=teacher), list(replies))
 
@@ -137,8 +135,8 @@ def forget(
     """
     from common.teaching_messages import Unwanted, require_person
     from hub.history.notes import forget_in_history
+    from hub.teaching.forgetting import clip_keepers_of, untouched_line
     from hub.teaching.forgetting import forget as forget_everywhere
-    from hub.teaching.forgetting import untouched_line
 
     if bool(person) + bool(label) + everything != 1:
         raise BadInput("what is to be forgotten? name one of --person NAME, --label LABEL, --all")
@@ -155,6 +153,6 @@ def forget(
         try:
             forget_everywhere(taught.participants, Unwanted(person, label, everything), taught.missing, clips=clips)
         finally:
-            taught.interface.say(untouched_line(taught.clip_keepers, clips=clips))
+            taught.interface.say(untouched_line(clip_keepers_of(taught.scene), clips=clips))
         if line := forget_in_history(taught.scene, Unwanted(person, label, everything)):
             taught.interface.say(line)

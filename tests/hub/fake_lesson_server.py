@@ -11,7 +11,7 @@ class FakeLessonServer:
     def __init__(self, scene):
         self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("interface")
         self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
-        self.verdicts, self.corrected, self.forgotten, self.clip_keepers = [], [], [], ["cam1"]
+        self.verdicts, self.corrected, self.forgotten = [], [], []
         reply = TeachReply(
             state="learned", pictures=True, visible=True, takes={"nod": [1, 2], "ok": [1]}, other_s=61.2, labels=["ok"],
             take=TakeReport(label="nod", take=2, state="kept", seconds=1.44),

@@ -21,19 +21,19 @@ const STAGES = {
   examples: (lesson) => stage("", lesson.examples.length === 1 ? `Is this ${words(lesson.examples[0].label)}?` : "Is it these?", "The cameras have cut out what moved nearest to that time. The lines show the way of the hands, green the right one and blue the left."),
   ready: (lesson, step) => step.label
     ? stage("", words(step.label), step.number ? `${step.number} of ${step.of} takes are done.` : "", `After 3, 2, 1 do it once, then stand still. ${count(step.of - step.number, "time")} in all. Put the phone where you see it, and stand where the cameras see head and hands.`)
-    : stage("", "Ordinary life", `For ${minutes(step.left)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
-  countdown: (lesson, step) => [which(step), make("p", "number", String(Math.round(step.left))), make("p", "title-line", words(step.label))],
-  now: (lesson, step) => [which(step), make("p", "title-line", isMoving() ? "…" : "Now!"), make("p", "under", isMoving() ? "then stand still" : step.test ? `do it: ${words(step.label)}` : `${words(step.label)}, then stand still`)],
+    : stage("", "Ordinary life", `For ${minutes(step.left_s)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
+  countdown: (lesson, step) => [which(step), make("p", "number", String(Math.round(step.left_s))), make("p", "title-line", words(step.label))],
+  now: (lesson, step) => [which(step), make("p", "title-line", isMoving() ? "…" : "Now!"), make("p", "under", isMoving() ? "then stand still" : step.is_test ? `do it: ${words(step.label)}` : `${words(step.label)}, then stand still`)],
   waiting: (lesson, step) => [which(step), make("p", "title-line", step.how === "clap" ? "Clap once" : "Stand still"), make("p", "under", step.how === "clap" ? "with both hands in front of you: then it counts down" : "where a camera sees head and hands: then it counts down")],
-  between: (lesson, step) => step.test ? [which(step), make("p", "title-line", step.kind === "kept" ? "Recognised" : "Not recognised")] : afterTake(lesson, step),
+  between: (lesson, step) => step.is_test ? [which(step), make("p", "title-line", step.kind === "kept" ? "Recognised" : "Not recognised")] : afterTake(lesson, step),
   doubt: (lesson, step) => stage("", `${words(step.label)}: one take looks odd`, "It looks more like another movement; the lines below say which one. Is it worth another take?"),
-  alarms: (lesson, step) => stage("", step.number ? count(step.number, "false alarm") : "No false alarm yet", "Do anything but the movements. Whatever it recognises now is a false alarm.", `${minutes(step.left)} to go`),
+  alarms: (lesson, step) => stage("", step.number ? count(step.number, "false alarm") : "No false alarm yet", "Do anything but the movements. Whatever it recognises now is a false alarm.", `${minutes(step.left_s)} to go`),
   review: (lesson, step) => stage("", `${words(step.label)}: ${count(step.number, "take")}`, acts.review),
   other: (lesson, step) => {
     const bar = make("progress");
-    bar.max = Math.max(1, step.of); bar.value = step.of - step.left;
+    bar.max = Math.max(1, step.of); bar.value = step.of - step.left_s;
     bar.setAttribute("aria-label", "Ordinary life");
-    return [...stage("", "Ordinary life", "Sit, walk, reach for things; none of the movements."), bar, make("p", "which", `${minutes(step.left)} to go`)];
+    return [...stage("", "Ordinary life", "Sit, walk, reach for things; none of the movements."), bar, make("p", "which", `${minutes(step.left_s)} to go`)];
   },
   learning: () => [make("div", "spin"), ...stage("", "The cameras learn", "Each on its own machine. You can put the phone away."), learners()],
   learned: (lesson) => [...stage("", "They have learned", "Recognised of your own takes, each left out of the learning:"), wordsOf(lesson.results)],
@@ -49,7 +49,7 @@ function afterTake(lesson, step) {
 function stage(over, title, ...under) {
   return [...(over ? [make("p", "which", over)] : []), make("p", "title-line", title), ...under.filter(Boolean).map((line) => make("p", "under", line))];
 }
-const which = (step) => make("p", "which", step.test ? "test" : `${words(step.label)}: ${step.number} of ${step.of}`);
+const which = (step) => make("p", "which", step.is_test ? "test" : `${words(step.label)}: ${step.number} of ${step.of}`);
 const wordsOf = (lines) => make("ul", "words", ...lines.map((line) => make("li", "", line)));
 const isMoving = () => state.observers.some((each) => each.take && each.take.state === "moving");
 const keptTakes = (label) => state.observers.filter((each) => each.take && each.take.label === label && each.take.state === "kept");
@@ -80,14 +80,14 @@ const knows = () => state.known.length ? `It recognises ${listed(state.known)}.`
 export function showLesson(newState, page) {
   [state, acts] = [newState, page];
   const lesson = state.lesson;
-  const step = lesson.over ? { kind: "done", label: "", number: 0, of: 0, left: 0, test: false } : lesson.step;
+  const step = lesson.over ? { kind: "done", label: "", number: 0, of: 0, left_s: 0, is_test: false } : lesson.step;
   const built = STAGES[step.kind] || STAGES.look;
   // The lesson tells what became of a take, and then waits a little: on the page that is one thing.
-  if (AFTER.includes(step.kind) && !step.test) step.kind = "between";
+  if (AFTER.includes(step.kind) && !step.is_test) step.kind = "between";
   $("stage").dataset.kind = step.kind;
   const seen = step.kind === "learning" ? state.observers.map((each) => [each.state, each.fault, Boolean(each.learned)])
     : step.kind === "now" ? isMoving() : AFTER.includes(step.kind) ? [lastTake(step.label), whyNot(step.label)] : null;
-  part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left: 0 } : step, seen, lesson.over, lesson.results, lesson.test, lesson.examples, lesson.over && lesson.done, state.known], () => built(lesson, step));
+  part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left_s: 0 } : step, seen, lesson.over, lesson.results, lesson.test, lesson.examples, lesson.over && lesson.done, state.known], () => built(lesson, step));
   showCourse(lesson, step);
   part($("buttons"), [lesson.id, lesson.over, lesson.fault, step.kind, step.label, step.number, step.of, lesson.waits, lesson.number * lesson.waits], () => buttons(lesson, step));
   const news = lesson.over && lesson.purpose !== "lesson" ? [] : lesson.news;
@@ -113,14 +113,14 @@ function buttons(lesson, step) {
   if (step.kind === "alarms") return [button("That is enough", () => acts.press("skip"), "second")];
   if (step.kind === "waiting") return [button("Begin now", () => acts.press("begin"), "main")];
   if (step.kind === "doubt") return [button("Make it again", () => acts.press("repeat"), "main")];
-  if (TAKING.includes(step.kind) && !step.test) return [
+  if (TAKING.includes(step.kind) && !step.is_test) return [
     ...(step.kind === "between" && lastTake(step.label) ? [button("Make it again", () => acts.press("repeat"), "second")] : []),
     button("Wait after this take", async (event) => { const node = event.currentTarget; if (await acts.press("pause")) { node.textContent = "It will wait"; node.disabled = true; } }, "second")];
   return [];
 }
 function showCourse(lesson, step) {
   const parts = [...lesson.labels, "other", "learn", "test"];
-  const at = lesson.over ? (lesson.fault ? -1 : parts.length) : step.test || ["test", "alarms"].includes(step.kind) ? parts.length - 1
+  const at = lesson.over ? (lesson.fault ? -1 : parts.length) : step.is_test || ["test", "alarms"].includes(step.kind) ? parts.length - 1
     : ["learning", "learned", "adopting"].includes(step.kind) ? parts.length - 2 : step.kind === "other" || (step.kind === "ready" && !step.label) ? parts.length - 3 : lesson.labels.indexOf(step.label);
   part($("course"), [parts, at], () => parts.map((each, i) => {
     const item = make("li", "", make("span", "unseen", `${words(each)}${i < at ? ": done" : i === at ? ": now" : ""}`));
@@ -145,7 +145,7 @@ function beep(hertz, seconds) {
   tone.stop(sound.currentTime + seconds);
 }
 function signal(lesson, step) {
-  const what = `${lesson.id} ${step.kind} ${step.label} ${step.number} ${step.kind === "countdown" ? step.left : ""} ${lesson.over}`;
+  const what = `${lesson.id} ${step.kind} ${step.label} ${step.number} ${step.kind === "countdown" ? step.left_s : ""} ${lesson.over}`;
   if (what === heard) return;
   heard = what;
   if (step.kind === "countdown") beep(520, 0.12);

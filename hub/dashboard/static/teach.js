@@ -186,7 +186,7 @@ $("resume").addEventListener("click", () => send("teach/start", plan(state.begun
 const pictures = new Map();
 function showTakes(lesson, step) {
   if (!lesson.over && step.kind === "examples" && lesson.waits) { showExamples(lesson); return; }
-  const label = !lesson.over && ["ready", "review", "doubt", ...TAKING].includes(step.kind) && !step.test ? step.label : "";
+  const label = !lesson.over && ["ready", "review", "doubt", ...TAKING].includes(step.kind) && !step.is_test ? step.label : "";
   const by = new Map();
   for (const each of state.observers) for (const take of (label && each.takes && each.takes[label]) || []) by.set(take, [...(by.get(take) || []), each.name]);
   const numbers = [...by.keys()].sort((a, b) => a - b), deletes = lesson.waits && step.kind === "review";
