@@ -62,10 +62,10 @@ def play(request, tmp_path, show):
     """Starts a scene of these observers and its dashboard; both end with the test. pictures: keys of cam1. more: other
     sections of the scene file."""
 
-    def start(observers=("cam1", "cam2", "cam3", "cam4"), pictures="", more=""):
+    def start(observers=("cam1", "cam2", "cam3", "cam4"), pictures="", more="", views=VIEWS):
         scene = BrowserScene(observers=observers).__enter__()
         request.addfinalizer(lambda: scene.__exit__())
-        file = scene.scene_file(tmp_path / "scene.toml", f"[fusion]\nquorum = 2\n{more}", VIEWS)
+        file = scene.scene_file(tmp_path / "scene.toml", f"[fusion]\nquorum = 2\n{more}", views)
         if pictures:
             plain = '[observers.cam1]\nsource = "a.npz"\n'
             file.write_text(file.read_text().replace(plain, f"[observers.cam1]\n{pictures}"))

@@ -4,9 +4,10 @@ import signal
 import subprocess
 import sys
 import time
+from itertools import combinations
 
 import pytest
-from page_looks import FAINT
+from page_looks import COVERED, FAINT
 from played_scene import VOCABULARY
 
 # Resolves with the browser's time when the newest line of the log has that label.
@@ -211,6 +212,20 @@ def test_two_hundred_observers_are_a_list_that_can_be_read_on_a_phone(play, look
     assert page.locator("#list li:visible").count() == 50 + 3, "those with another label, and the silent ones"
 
 
+def test_the_words_of_judges_side_by_side_can_be_read(play, look):
+    scene, dashboard = play(("cam1", "cam2", "cam3", "cam4"), views=("yaw:-30", "door", "yaw:30", "yaw:180"))
+    page = look(dashboard.url)
+    scene.stop_judging()
+    page.wait_for_selector("#link[data-kind=silent]")
+    boxes = [each.bounding_box() for each in page.locator("g.flag .held").all()]
+    assert not [
+        (one, other)
+        for one, other in combinations(boxes, 2)
+        if abs(one["x"] + one["width"] / 2 - other["x"] - other["width"] / 2) < (one["width"] + other["width"]) / 2
+        and abs(one["y"] - other["y"]) < one["height"]
+    ]
+
+
 def test_a_lost_connection_is_shown_and_comes_back(play, look):
     _, dashboard = play()
     page = look(dashboard.url, quiet=False)
@@ -251,6 +266,7 @@ def test_a_capture_is_played_paused_and_sought(capture, show, look):
     dashboard = show("--capture", capture)
     page = look(dashboard.url)
     page.wait_for_selector("#link[data-kind=capture]")
+    assert not (covered := page.evaluate(COVERED)), covered
     page.get_by_role("button", name="Pause").click()
     slider = page.get_by_label("Moment of the capture")
     assert float(slider.get_attribute("max")) == pytest.approx(12.0, abs=0.2)

@@ -70,7 +70,10 @@ export function layMat(positions) {
     mat.append(draw("text", { class: "front", x: 0, y: -129 }, "front"), draw("path", { class: "nose", d: "M-8 -142L0 -150L8 -142" }));
   }
   flags.clear();
-  names.forEach((name, i) => flags.set(name, flag(name, spot(positions[name]), quiet, quiet && i % 2 ? 0.92 : 1)));
+  const spots = names.map((name) => spot(positions[name]));
+  names.forEach((name, i) => flags.set(name, flag(name, spots[i], quiet, quiet && i % 2 ? 0.92 : 1)));
+  // Words short enough for the judges beside it.
+  names.forEach((name, i) => { flags.get(name).most = spots.some((other, j) => j !== i && Math.hypot(other.x - spots[i].x, other.y - spots[i].y) < 120) ? 11 : 15; });
   for (const { group } of flags.values()) mat.append(group);
   attribute(mat, "aria-label", `The tatami from above with ${count(names.length, "judge")} around the referee`);
 }
@@ -78,7 +81,7 @@ function flag(name, place, quiet, near) {
   const x = place.x * near, y = place.y * near, reach = Math.hypot(x, y);
   const ray = draw("line", { class: "sight", x1: x, y1: y, x2: x / reach * 96, y2: y / reach * 96, stroke: "var(--tone)" });
   const dot = draw("circle", { class: "dot", cx: x, cy: y, r: quiet ? 3.5 : 9 });
-  const middle = Math.abs(x) < 60, anchor = middle ? "middle" : x < 0 ? "start" : "end";
+  const middle = Math.abs(x) < 110, anchor = middle ? "middle" : x < 0 ? "start" : "end";
   const textX = middle ? x : x < 0 ? x - 12 : x + 12, textY = y + (y < 0 ? 28 : -32);
   const who = draw("text", { x: textX, y: textY, "text-anchor": anchor }, quiet ? "" : shortened(name, 16));
   const held = draw("text", { class: "held", x: textX, y: textY + 16, "text-anchor": anchor });
@@ -97,8 +100,7 @@ function showMat(setup, state) {
     const rests = tone(observer, state.moving) === "rests";
     mark(parts.group, "stance", tone(observer, state.moving));
     attribute(parts.ray, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * observer.weight).toFixed(1));
-    // Short enough for two judges side by side.
-    if (!parts.quiet) put(parts.held, rests ? "no movement" : shortened(observer.heard && observer.label && !observer.gone ? words(observer.label) : sight(observer, state, setup.sure), 15));
+    if (!parts.quiet) put(parts.held, rests ? "no movement" : shortened(observer.heard && observer.label && !observer.gone ? words(observer.label) : sight(observer, state, setup.sure).replace(/^is /, ""), parts.most));
   }
 }
 
