@@ -61,11 +61,7 @@ def check_broker(facts: BrokerFacts | None) -> Iterator[Finding]:
         return
     mark: Mark = "error" if facts.starts else "warning"
     if not facts.installed:
-        yield Finding(
-            mark,
-            "aiomqtt is not installed: labanmesh hub mqtt needs it",
-            "pip install 'labanmesh[mqtt]'",
-        )
+        yield Finding(mark, "aiomqtt is not installed: labanmesh hub mqtt needs it", "pip install 'labanmesh[mqtt]'")
     if facts.password:
         write = f"printf '%s' 'the password' > {Path(facts.password_file).name}, beside the scene file"
         yield Finding(mark, f"hub.mqtt.password_file = {facts.password_file!r}: {facts.password}", write)
