@@ -12,8 +12,7 @@ from common.config_sections import ClipsConfig
 from common.credentials import Certificate
 from deploy.doctor.broker import BrokerFacts, broker_facts, check_broker
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
-from deploy.doctor.commands import MARK_COLOURS
-from deploy.doctor.findings import GROUPS, MARKS, Finding, as_json, from_fault, page, settings_in_force, summary, worst
+from deploy.doctor.findings import GROUPS, Finding, as_json, from_fault, page, settings_in_force, summary, worst
 from deploy.doctor.machine import MachineFacts, MachineNeeds, Package, check_machine, fits, machine_needs, requirements
 from deploy.doctor.network import Connection, EndpointParts, NetworkFacts, check_network, is_free
 from deploy.doctor.scene_file import FolderFacts, PreflightReport, SceneFacts, check_scene
@@ -343,10 +342,6 @@ def test_the_page_has_marks_in_words_and_hides_nothing():
     read = json.loads(as_json(findings, "0.1.0"))
     assert read["worst"] == "error" and [each["mark"] for each in read["findings"]] == ["error", "ok", "warning"]
     assert set(read["findings"][0]) == {"group", "mark", "what", "to_do"}
-
-
-def test_every_mark_has_a_colour():
-    assert tuple(MARK_COLOURS) == MARKS
 
 
 def test_the_page_of_the_docs_names_every_group():

@@ -2,7 +2,6 @@
 
 import json
 import re
-from itertools import combinations
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -50,26 +49,3 @@ def test_labels_in_legends_and_matchers_are_carried():
                 for w in inside.split(", ")
             ]
             assert set(asked) <= known, (panel["title"], set(asked) - known)
-
-
-def test_counters_are_shown_as_rates_and_parentheses_close():
-    for expression in EXPRESSIONS:
-        assert expression.count("(") == expression.count(")") and expression.count("{") == expression.count("}")
-        for name in re.findall(r"\w+_total|\w+_bucket", expression):
-            assert re.search(rf"(rate|increase)\({name}", expression), expression
-
-
-def test_panels_do_not_overlap_and_each_has_a_name():
-    assert len({panel["title"] for panel in PANELS}) == len(PANELS)
-    assert len({panel["id"] for panel in DASHBOARD["panels"]}) == len(DASHBOARD["panels"])
-    for one, other in combinations([panel["gridPos"] for panel in DASHBOARD["panels"]], 2):
-        beside = one["x"] + one["w"] <= other["x"] or other["x"] + other["w"] <= one["x"]
-        assert beside or one["y"] + one["h"] <= other["y"] or other["y"] + other["h"] <= one["y"]
-    assert all(panel["gridPos"]["x"] + panel["gridPos"]["w"] <= 24 for panel in PANELS)
-
-
-def test_the_data_source_and_the_scene_are_chosen_by_the_reader():
-    names = {variable["name"]: variable for variable in DASHBOARD["templating"]["list"]}
-    assert set(names) == {"datasource", "scene"} and names["scene"]["allValue"] == ".*"
-    for panel in PANELS:
-        assert {target["datasource"]["uid"] for target in panel["targets"]} == {"${datasource}"}

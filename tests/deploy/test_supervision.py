@@ -1,8 +1,6 @@
 """When a process is started again, and when not."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from deploy.launcher import RestartPolicy, RunDecision, RunHistory
 
@@ -36,11 +34,3 @@ def test_pauses_double_up_to_the_longest_and_a_long_run_forgives():
 def test_too_many_failures_in_a_row_are_given_up():
     history = RunHistory(False, RestartPolicy(failures=3))
     assert [history.decide(1, 0.1) for _ in range(3)] == [*[RunDecision.RESTART] * 2, RunDecision.GIVEN_UP]
-
-
-@given(st.lists(st.tuples(st.integers(1, 255).filter(lambda s: s != 2), st.floats(0, 1e6)), min_size=1, max_size=200))
-def test_a_pause_is_never_shorter_than_the_first_nor_longer_than_the_longest(runs):
-    history = RunHistory(True)
-    for status, ran_s in runs:
-        assert history.decide(status, ran_s) is RunDecision.RESTART
-        assert 0.5 <= history.pause_s <= 30

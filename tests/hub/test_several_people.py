@@ -57,10 +57,6 @@ def test_if_the_first_one_is_not_judged_another_one_is_shown(make):
     assert folded(make, *both(make), right).judgement.person == "right"
 
 
-def test_a_scene_with_one_person_shows_nobody_beside(make):
-    assert folded(make, make.judgement()).people == ()
-
-
 def test_every_line_of_a_verdict_says_whose_it_is(make):
     verdict = make.verdict(ended_ns=make.NOON, person="left")
     assert label_words(verdict) == "left: nthrow" and "left: nthrow" in verdict_line(verdict)

@@ -64,13 +64,6 @@ def test_a_repeated_movement_has_a_sensor_a_target_and_a_reset(stage):
     assert not any("COUNT_nthrow" in topic for topic in stage.retained), "it is no repeated movement"
 
 
-def test_the_count_is_live_and_the_target_is_an_event_once(stage):
-    assert stage.bridge.counters.obey("labanmesh/room/count/ok/target", b"3")
-    told = [event for done in (1, 2, 3, 3, 4) for event in stage.count(done)]
-    assert [event["event_type"] for event in told] == ["ok"] and told[0]["count"] == 3
-    assert stage.counted == {"count": 4, "partial": 0, "target": 3, "sets": 1}
-
-
 def test_reset_and_commands_that_are_none(stage):
     stage.count(4)
     obey = stage.bridge.counters.obey
@@ -82,18 +75,6 @@ def test_reset_and_commands_that_are_none(stage):
         obey("labanmesh/room/count/ok/target", payload)
     stage.count(6)
     assert stage.counted["target"] == 0 and stage.counted["count"] == 2
-
-
-def test_a_hub_that_starts_again_has_the_targets_that_the_broker_has_retained(make, stage):
-    stage.bridge.counters.obey("labanmesh/room/count/ok/target", b"3")
-    stage.count(4)
-    topic = TOPICS.count("ok")
-    again = Stage(make, left={topic: stage.retained[topic], TOPICS.count("nthrow"): "no state"})
-    again.show(repeated(make, "ok", "nthrow"))
-    assert again.counted == {"count": 0, "partial": 0, "target": 3, "sets": 0}
-    assert json.loads(again.retained[TOPICS.count("nthrow")])["target"] == 0
-    told = [event for done in (1, 2, 3) for event in again.count(done, number=2)]
-    assert [event["count"] for event in told] == [3]
 
 
 LEFT = ["", "{}", "[]", '{"target": true}', '{"target": 1e9}', '{"target": "3"}', "[" * 9999, None]

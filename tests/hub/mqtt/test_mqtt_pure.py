@@ -169,15 +169,6 @@ def test_without_observers_the_state_is_null(driver, make):
     assert due[TOPICS.of("availability")] == "online" and due[TOPICS.movement("nthrow")] == "OFF"
 
 
-def test_each_verdict_is_one_event_and_its_end_another(driver, make):
-    ended = make.verdict(1, ended_ns=make.NOON)
-    for verdict in (make.verdict(1), make.verdict(1), ended, ended):
-        driver.bridge.receive(verdict, 0.0)
-    due = driver.due(0.0, make.judgement())
-    assert driver.events() == [("verdict", "nthrow", "decided"), ("ended", "nthrow", "ended")]
-    assert json.loads(due[TOPICS.of("last_verdict")])["label"] == "nthrow"
-
-
 def test_another_label_at_the_end_is_revised(driver, make):
     driver.bridge.receive(make.verdict(1), 0.0)
     driver.bridge.receive(make.verdict(1, ended_ns=make.NOON, label="ok"), 0.0)
