@@ -15,13 +15,5 @@ def with_verdict(log: Verdicts, verdict: VerdictMessage, limit: int) -> Verdicts
         if known.id == verdict.id:
             if (verdict.at_ns, verdict.stage == "ended") < (known.at_ns, known.stage == "ended"):
                 return log
-            return (*log[:place], _with_revision(verdict, known), *log[place + 1 :])
+            return (*log[:place], verdict, *log[place + 1 :])
     return (verdict, *log)[:limit]
-
-
-def _with_revision(verdict: VerdictMessage, known: VerdictMessage) -> VerdictMessage:
-    """`verdict` with the label that it replaces, also from a fusion service that does not say it."""
-    replaced = known.revises if verdict.label == known.label else known.label
-    if verdict.revises is not None or replaced is None:
-        return verdict
-    return verdict.model_copy(update={"revises": replaced})

@@ -145,9 +145,7 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
         state = update.state
         match update.message:
             case VerdictMessage(id=verdict_id, label=label) as verdict if shown.get(verdict_id) != label:
-                # Also from a fusion service that revises only at the end.
-                before = {"stage": "revised", "revises": shown[verdict_id]} if verdict_id in shown else {}
-                print(verdict_line(verdict.model_copy(update=before)), flush=True)
+                print(verdict_line(verdict), flush=True)
                 shown[verdict_id] = label
                 scored = verdict_id if score_words(verdict) else scored
             case VerdictMessage(id=verdict_id) as verdict if verdict_id != scored and score_words(verdict):

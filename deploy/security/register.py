@@ -16,8 +16,8 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.errors import BadInput
 
-ONE_SCENE, SEVERAL_SCENES = 1, 2
-"""Versions of the file's form; an authority of one scene keeps the form that older installations read."""
+VERSION = 2
+"""Of the file's form; version 1, of one scene, is still read."""
 TABLE_HEAD = ("certificate", "for", "state", "days left", "expires")
 
 
@@ -97,10 +97,10 @@ class IssuedCertificate(BaseModel):
 
 
 class _File(BaseModel):
-    """The register's file: `scene` in version 1, `scenes` in version 2."""
+    """The register's file; `scene`: that of version 1."""
 
     model_config = ConfigDict(extra="forbid")
-    version: int = ONE_SCENE
+    version: int = 1
     scene: str = ""
     scenes: tuple[str, ...] = ()
     certificates: list[IssuedCertificate] = []
@@ -152,16 +152,8 @@ class Register:
 
     def to_json(self) -> str:
         """The register as text, which `from_json` reads."""
-        if len(self.scenes) == 1:
-            file, unused = _File(scene=self.scenes[0], certificates=list(self.certificates)), {"hub_of"}
-        else:
-            file = _File(version=SEVERAL_SCENES, scenes=self.scenes, certificates=list(self.certificates))
-            unused = set()
-        # Older installations read a register without these rights.
-        rights = ("pictures", "teach", "history")
-        unused |= {name for name in rights if not any(getattr(each.roles, name) for each in self.certificates)}
-        exclude: Any = {("scenes" if file.scene else "scene"): True, "certificates": {"__all__": {"roles": unused}}}
-        return file.model_dump_json(indent=1, exclude=exclude) + "\n"
+        file = _File(version=VERSION, scenes=self.scenes, certificates=list(self.certificates))
+        return file.model_dump_json(indent=1, exclude={"scene"}) + "\n"
 
     @classmethod
     def from_json(cls, text: str, where: str) -> "Register":
@@ -174,10 +166,10 @@ class Register:
             fault = f"{where}: not a register of labanmesh: {at} {first['msg']}".replace("\n", " ")
             raise BadInput(f"{fault}. Copy register.json again from the authority's folder") from None
         scenes = file.scenes or ((file.scene,) if file.scene else ())
-        if file.version not in (ONE_SCENE, SEVERAL_SCENES) or not scenes:
+        if file.version not in (1, VERSION) or not scenes:
             raise BadInput(
-                f"{where}: version {file.version} with {len(scenes)} scenes, this labanmesh reads versions {ONE_SCENE} "
-                f"and {SEVERAL_SCENES}. Install the version that wrote it"
+                f"{where}: version {file.version} with {len(scenes)} scenes, this labanmesh reads versions 1 and "
+                f"{VERSION}. Install the version that wrote it"
             )
         return cls(scenes, tuple(file.certificates))
 

@@ -5,7 +5,6 @@ import shlex
 import time
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,24 +63,18 @@ def dashboard(
     settings = config.hub.dashboard if scene else type(config.hub.dashboard)()
     address = Address.parse(listen or settings.listen, LISTEN_KEY)
     configured = config.place(settings.token_file) if settings.token_file else None
-    teaches = bool(scene) and (teach or settings.teach)
-    run = DashboardRun(config, timeline, address, _access(address, token_file or configured, teaches), for_s, scene)
-    _serve(run)
+    access = _access(address, token_file or configured, bool(scene) and (teach or settings.teach))
+    _serve(_setup(config, timeline, access, scene), config, timeline, address, access, for_s)
 
 
-@dataclass(frozen=True, slots=True)
-class DashboardRun:
-    """What is served. timeline: of a capture; file: the scene file of a running scene."""
-
-    scene: "Scene"
-    timeline: "CaptureTimeline | None"
-    address: Address
-    access: "AccessControl"
-    for_s: float | None = None
-    file: Path | None = None
-
-
-def _serve(run: DashboardRun) -> None:
+def _serve(
+    setup: "PageSetup",
+    scene: "Scene",
+    timeline: "CaptureTimeline | None",
+    address: Address,
+    access: "AccessControl",
+    for_s: float | None,
+) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from common.notify import Notifier
@@ -91,17 +84,16 @@ def _serve(run: DashboardRun) -> None:
     from hub.lan import bound_socket
 
     log_to_stderr()
-    scene, address = run.scene, run.address
     with (
         bound_socket(address, LISTEN_KEY) as port,
         stop_on_signals() as stop,
         Notifier.from_environment() as supervisor,
     ):
         own = Address(address.host, port.getsockname()[1])
-        setup, serving = _setup(run), ServingRun(stop, run.for_s, supervisor.alive)
-        if run.timeline is not None:
+        serving = ServingRun(stop, for_s, supervisor.alive)
+        if timeline is not None:
             print(f"http://{own.reachable}/ shows a capture of scene {scene.scene}", flush=True)
-            serve_capture(port, run.access, setup, run.timeline, serving)
+            serve_capture(port, access, setup, timeline, serving)
             return
         with (
             instrumented([scene], "dashboard") as instrumentation,
@@ -109,28 +101,28 @@ def _serve(run: DashboardRun) -> None:
         ):
             serving.record = instrumentation.record
             print(f"http://{own.reachable}/ shows scene {scene.scene}", flush=True)
-            for line in _teach_lines(run, own):
+            for line in _teach_lines(scene, setup.file, access, own):
                 print(line, flush=True)
-            serve_scene(port, run.access, setup, scene, link, serving)
+            serve_scene(port, access, setup, scene, link, serving)
 
 
-def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
+def _teach_lines(scene: "Scene", file: str, access: "AccessControl", own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
     from hub.dashboard.access import is_loopback
     from hub.dashboard.serving import NO_TEACH_RIGHT
     from hub.lan import lan_address
     from hub.rights import has_right
 
-    if not run.access.teaches:
+    if not access.teaches:
         return
-    if not has_right(run.scene, "teach"):
+    if not has_right(scene, "teach"):
         yield NO_TEACH_RIGHT
         return
-    made = f"#{run.access.made_token}" if run.access.made_token else ""
+    made = f"#{access.made_token}" if access.made_token else ""
     host = lan_address() if own.host in ANY_HOST else own.host
     yield f"teach at http://{Address(host, own.port)}/teach{made}"
     if is_loopback(own):
-        yield f"for a phone: labanmesh dashboard {run.file} --teach --listen 0.0.0.0:{own.port}"
+        yield f"for a phone: labanmesh dashboard {file} --teach --listen 0.0.0.0:{own.port}"
 
 
 def _access(address: Address, path: Path | None, teaches: bool) -> "AccessControl":
@@ -176,18 +168,18 @@ def _token(address: Address, path: Path | None) -> str | None:
         raise BadInput(f"{where}: {str(reason).lower()}; make it: openssl rand -hex 16 > {path}") from None
 
 
-def _setup(run: DashboardRun) -> "PageSetup":
+def _setup(
+    scene: "Scene", timeline: "CaptureTimeline | None", access: "AccessControl", file: Path | None
+) -> "PageSetup":
     from hub.dashboard.page_data import PageSetup
 
-    scene, timeline = run.scene, run.timeline
     views = {name: observer.view for name, observer in scene.observers.items()}
     azimuths = {name: _azimuth(scene, view) for name, view in views.items()}
     span_s, began_ns = (None, 0) if timeline is None else (timeline.span_s, timeline.began_ns)
     pictures = {name: each.picture_hz for name, each in scene.observers.items() if each.picture_hz and not timeline}
-    file = "" if run.file is None else shlex.quote(str(run.file))
     return PageSetup(
         scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures,
-        run.access.teaches, file, scene.fusion.threshold,
+        access.teaches, "" if file is None else shlex.quote(str(file)), scene.fusion.threshold,
         () if timeline else tuple(name for name, each in scene.observers.items() if each.source == PHONE),
         bool(scene.history.file) and not timeline,
     )  # fmt: skip

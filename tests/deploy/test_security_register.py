@@ -113,11 +113,10 @@ def test_the_register_is_read_as_it_was_written(certificates, scenes):
     assert Register.from_json(register.to_json(), "r.json") == register
 
 
-def test_a_register_of_one_scene_has_the_form_that_older_installations_read():
-    register = Register(("dojo",), (IssuedCertificate(name="a", generation=1, roles=SOFA, serial="1", expires=NOW),))
-    file = json.loads(register.to_json())
-    assert file.keys() == {"version", "scene", "certificates"} and (file["version"], file["scene"]) == (1, "dojo")
-    assert file["certificates"][0]["roles"].keys() == {"observers", "fusions", "hub", "router"}
+def test_a_register_of_an_earlier_version_is_read():
+    own = IssuedCertificate(name="a", generation=1, roles=SOFA, serial="1", expires=NOW)
+    text = f'{{"version": 1, "scene": "dojo", "certificates": [{own.model_dump_json()}]}}'
+    assert Register.from_json(text, "r.json") == Register(("dojo",), (own,))
 
 
 @given(st.lists(CERTIFICATES, min_size=1, max_size=4), st.data())

@@ -45,9 +45,6 @@ def test_a_revision_is_a_line_of_its_own_and_not_a_second_movement(make, capsys)
     show_lines(updates(make, first, first, revised, first, revised, ended, ended))
     lines = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
     assert [line.split("  ")[:2] for line in lines] == [["verdict", "ok"], ["revised", "ok -> nthrow"]]
-    older = make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 2)
-    show_lines(updates(make, first, older))
-    assert "revised  ok -> nthrow" in capsys.readouterr().out, "a fusion service that revises only at the end"
 
 
 def test_the_score_of_an_ended_movement_is_a_line_once(make, capsys):

@@ -14,7 +14,7 @@ from common.errors import BadInput
 from common.teaching_messages import Unwanted
 from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
-from hub.dashboard.commands import DashboardRun, _access, _teach_lines
+from hub.dashboard.commands import _access, _teach_lines
 from hub.dashboard.serving import NO_TEACH_RIGHT, _teach_page
 from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
 from hub.teaching.interface import Action, Step
@@ -172,12 +172,12 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     assert not _access(lan, tmp_path / "token", False).admits_teaching(f"Bearer {TOKEN}")
     with pytest.raises(BadInput, match="token_file is not set"):
         _access(lan, None, False)
-    lines = list(_teach_lines(DashboardRun(scene, None, local, made, file="s.toml"), local))
+    lines = list(_teach_lines(scene, "s.toml", made, local))
     assert lines[0] == f"teach at http://127.0.0.1:8420/teach#{made.made_token}"
     assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
-    (line,) = _teach_lines(DashboardRun(scene, None, lan, own), lan)
+    (line,) = _teach_lines(scene, "s.toml", own, lan)
     monkeypatch.setattr("hub.rights.has_right", lambda scene, what: False)
-    assert list(_teach_lines(DashboardRun(scene, None, lan, own), lan)) == [NO_TEACH_RIGHT]
+    assert list(_teach_lines(scene, "s.toml", own, lan)) == [NO_TEACH_RIGHT]
     assert TOKEN not in line and lan.host not in line
 
 
