@@ -52,7 +52,7 @@ LEAST_EXPONENT = LEAST_SIZE * TO_EXPONENT
 """Arrays of no dimension: beside an array NumPy takes them in two thirds of the time of a Python number."""
 
 
-def guarded_product(p: Floats, prior: Floats, trust: Trust) -> RuleResult:
+def guarded_product(p: Floats, prior: Floats, trust: Trust = None, /) -> RuleResult:
     """(..., N, M) posteriors, (M,) prior, trust (..., N) -> the pooled p (..., M), and shares (..., N)."""
     _, x, hypotheses, factor, shares = _weigh(p, prior, trust)
     logs = factor[..., None] * x

@@ -15,7 +15,8 @@ from common.fusion_rules import RETIRED_RULES
 from common.plugins import plugin, plugins
 from common.text import nearest
 from fusion.engine.guarded_product import guarded_product, guarded_weights
-from fusion.engine.pools import (
+from fusion.engine.weighing import (
+    Rule,
     by_entropy,
     equal_weights,
     inverse_entropy,
@@ -24,7 +25,6 @@ from fusion.engine.pools import (
     minimum_entropy,
     same_exponent,
 )
-from fusion.engine.weighing import Rule
 
 RULES = {
     rule.name: rule

@@ -22,8 +22,8 @@ from fusion.engine.pooling import (
     pool_posteriors,
     pool_steps,
 )
-from fusion.engine.pools import log_mix
 from fusion.engine.rules import DEFAULT_RULE, RULES, get_rule
+from fusion.engine.weighing import log_mix
 
 ALL = list(RULES.values())
 LINEAR = [RULES[name] for name in ("inverse_entropy", "min_entropy", "linear")]
