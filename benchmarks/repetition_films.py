@@ -50,7 +50,7 @@ def counted(centres: Floats, model: MovementModel, label: str) -> int:
     tracks = RecordedTracks(iter(map(Tracks, centres)), header.body_parts)
     observer = Observer(tracks, model, Onset(), Resampler(header.rate_hz))
     encoder, step_ns, now_ns = PosteriorEncoder(header.vocabulary, "films"), round(SECOND_NS / config.step_hz), BEGIN_NS
-    engine.set_present(frozenset({OBSERVER}))
+    engine.roster.set_present(frozenset({OBSERVER}))
 
     def step_until(end_ns: int) -> int:
         at_ns = now_ns

@@ -69,7 +69,7 @@ class PosteriorIngest:
 
     def __init__(self, first: FusionEngine) -> None:
         self._first, self._rejections = first, RejectionLog()
-        self._roster = frozenset(first.rejected)
+        self._roster = frozenset(first.roster.rejected)
 
     def read(self, arrivals: Iterable[Arrival], now_ns: int) -> Iterator[ObserverPosterior]:
         """The posteriors in these messages; a bad one is counted and dropped, never raised."""
@@ -82,7 +82,7 @@ class PosteriorIngest:
             try:
                 yield observer, decode_from(arrival.key, PosteriorMessage, arrival.payload)
             except BadMessage as error:
-                self._first.reject(observer, error.reason)
+                self._first.roster.reject(observer, error.reason)
                 self._log(observer, error.reason, error.detail, now_ns)
 
     def pass_on(self, posteriors: Iterable[ObserverPosterior], engine: FusionEngine, now_ns: int) -> list[int]:
@@ -100,7 +100,9 @@ class PosteriorIngest:
         """Clock skew and rejected messages of each observer of the scene, and of others that sent some."""
         rejected = self._rejections.totals
         return {
-            observer: ObserverStatistics(skew_s=self._first.skew_s(observer), rejected=rejected.get(observer, {}))
+            observer: ObserverStatistics(
+                skew_s=self._first.roster.skew_s(observer), rejected=rejected.get(observer, {})
+            )
             for observer in dict.fromkeys((*roster, *rejected))
         }
 

@@ -77,7 +77,7 @@ class PersonWorker:
         if present.alive is not self._alive:
             # After the posteriors: a last one must not bring back an observer that has gone.
             self._alive = present.alive
-            self.engine.set_present(frozenset(map(observer_of, self._alive)))
+            self.engine.roster.set_present(frozenset(map(observer_of, self._alive)))
         now_ns = self._clock()
         return now_ns, self.engine.pooling_case(now_ns) if self._duty.fuses else None
 

@@ -108,7 +108,7 @@ class SceneWorker:
         self._first = next(iter(self._workers.values()))
         self.people = None if is_one else ScenePeople(scene.people.ids)
         self._ingest = PosteriorIngest(self._first.engine)
-        self._by_person = None if self.people is None else PeopleIngest(self.people, self._first.engine.skew_s)
+        self._by_person = None if self.people is None else PeopleIngest(self.people, self._first.engine.roster.skew_s)
         status_keys = keys.observer_status()
         self._clocks = ClockQuerier(self._session, status_keys, self._clock, service.wake, service.ask_clocks_s)
         self._vocabulary = encode_vocabulary(scene.scene, vocabulary, service.own)
@@ -170,7 +170,7 @@ class SceneWorker:
             self._status.observers = self._ingest.statistics(self._scene.roster)
         for status, reading in self._clocks.readings():
             for worker in self._workers.values():
-                worker.engine.record_clock(status.id, reading)
+                worker.engine.roster.record_clock(status.id, reading)
 
     def _is_reachable(self) -> bool:
         return self._scene.mesh.mode != "router" or self._reachable.update(
@@ -208,7 +208,7 @@ class SceneWorker:
     def observed_vocabulary(self) -> str | None:
         """The hash of the vocabulary in which the observers of most people publish; None if there is no majority."""
         now_ns = self._clock()
-        known = [worker.engine.observed_vocabulary(now_ns) for worker in self._workers.values()]
+        known = [worker.engine.roster.majority(now_ns) for worker in self._workers.values()]
         return max(filter(None, known), key=known.count, default=None)
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:

@@ -114,7 +114,7 @@ def judge(
     )
     encoder = PosteriorEncoder(model.header.vocabulary, "clips")
     step_ns = round(SECOND_NS / config.step_hz)
-    run.engine.set_present(frozenset({OBSERVER}))
+    run.engine.roster.set_present(frozenset({OBSERVER}))
     captured_ns = sent_ns = BEGIN_NS
     for n in range(len(centres)):
         captured_ns = BEGIN_NS + round(n * SECOND_NS / rate_hz)
@@ -129,7 +129,7 @@ def judge(
         # The observer stays until fusion has used it.
         for _ in range(FUSION_STEPS):
             run.step(run.now_ns + step_ns)
-    run.engine.set_present(frozenset())
+    run.engine.roster.set_present(frozenset())
     run.step_until(run.now_ns + round(AFTER_S * SECOND_NS), step_ns)
     return ClipResult(name, label, len(centres) / rate_hz, collect_verdicts(run.verdicts), tuple(run.moments))
 

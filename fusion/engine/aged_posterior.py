@@ -19,16 +19,14 @@ from fusion.engine.trust import HONEST
 
 POOLED_STATES = ("counted", "stale")
 """Vote states in which an observer's posterior is pooled; in the others it contributes the prior."""
-GAPS, FEWEST_GAPS = 8, 4
-"""An observer's usual interval is the median of the last gaps; fewer than four show none (as observer/motion/even_rate
-has it of pictures)."""
+GAPS = 8
+"""An observer's usual interval is the median of the last gaps; fewer than half of them show none (as
+observer/motion/even_rate has it of pictures)."""
 SESSIONS_LIMIT = 64
 """Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
 """Reasons for which a correct message is not used."""
 NO_FACETS: Mapping[str, Sequence[float]] = {}
-
-
 IGNORED_SKEW_NS = 5_000_000
 """5 ms: a smaller skew is not corrected. It is less than a frame, and measurements over a network are no more exact."""
 
@@ -61,14 +59,11 @@ class ObserverClock:
 
         A capture after the sending contradicts itself: it counts as captured when it was sent.
         """
-        captured_ns, sent_ns = message.captured_ns, message.sent_ns
-        if captured_ns > sent_ns:
-            captured_ns = sent_ns
+        captured_ns, sent_ns = min(message.captured_ns, message.sent_ns), message.sent_ns
         latest_ns = now_ns - (sent_ns - captured_ns)
         if self.doubtful or (sent_ns <= self.sent_ns and self._precedes(message)):
             return latest_ns
-        captured_ns -= self.correction_ns
-        return captured_ns if captured_ns < latest_ns else latest_ns
+        return min(captured_ns - self.correction_ns, latest_ns)
 
     def record_message(self, message: PosteriorMessage) -> None:
         """Remember the stamps of a message that was used, to compare the next one's with."""
@@ -87,10 +82,9 @@ class AgedPosterior:
 
     Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
-    unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
-    name. These are None or absent if the observer does not publish them, and fade like p. reliability: the trust in its
-    labels and its course (trust.py). freshness: k of the fading, 0 to 1. repetitions, repeated: as published. answers:
-    `answers_of` it, if known. score: as published, or why there is none, by our clock.
+    unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). reliability:
+    the trust in its labels and its course (trust.py). freshness: k of the fading, 0 to 1. answers: `answers_of` it, if
+    known. score: as published, or why there is none, by our clock. None, or no facets: it does not publish them.
     """
 
     observer: str
@@ -125,12 +119,11 @@ class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
     p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
-    honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). session_ns: when its
-    session began here. captured_ns, received_ns: of the newest message. visible_ns: capture of the newest frame that
-    showed a body part. interval_ns: the usual time between two captures, 0 while unknown; gaps_ns: the last ones.
-    fault: the vote state after an unusable message; None after a usable one. gone: the process disappeared after its
-    last usable one. published: the hash of the vocabulary of its newest message, usable or not, and when that arrived;
-    None without one, or if the process disappeared since. All times by our clock, Unix epoch.
+    honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). visible_ns: capture of the
+    newest frame that showed a body part. interval_ns: the usual time between two captures, 0 while unknown. fault: the
+    vote state after an unusable message. gone: the process disappeared after its last usable one. published: the hash
+    of the vocabulary of its newest message, usable or not, and when that arrived; None if the process disappeared
+    since. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
@@ -169,8 +162,8 @@ class RosterEntry:
     def note_gap(self, gap_ns: int) -> None:
         """Count the time from one capture to the next towards the observer's usual interval."""
         self.gaps_ns.append(gap_ns)
-        known = len(self.gaps_ns) >= FEWEST_GAPS
-        self.interval_ns = sorted(self.gaps_ns)[len(self.gaps_ns) // 2] if known else 0
+        gaps = len(self.gaps_ns)
+        self.interval_ns = sorted(self.gaps_ns)[gaps // 2] if 2 * gaps >= GAPS else 0
 
     def count_rejected(self, reason: str) -> None:
         """Count a message that was not used."""

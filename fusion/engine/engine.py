@@ -3,7 +3,6 @@
 The design: fusion.md. Times are ns of the Unix epoch by the fusion machine's clock.
 """
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,12 +17,7 @@ from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.segmenter import Segmenter
-from fusion.engine.segments import (
-    MovementDecision,
-    PooledState,
-    last_capture_ns,
-    pooled_repetitions,
-)
+from fusion.engine.segments import MovementDecision, PooledState, last_capture_ns, pooled_repetitions
 from fusion.engine.trust import Reliability, learn_from_verdict
 from fusion.engine.verdicts import (
     CONTESTED_REST,
@@ -49,7 +43,7 @@ class EngineOutput:
 
 
 class FusionEngine:
-    """Fuses the posteriors of one scene's observers. Raises BadInput for an unknown rule.
+    """Fuses the posteriors of one scene's observers, which its `roster` has. Raises BadInput for an unknown rule.
 
     Into each message go epoch, of the owner, session, random per process, person, who is judged, and their place.
     """
@@ -62,11 +56,9 @@ class FusionEngine:
         self.session: str | None = None
         self.place: Sequence[float] | None = None
         self._scene, self._config, self._rule = scene, config, get_rule(config.rule)
-        self._roster = roster = Roster(observers, vocabulary, config)
-        self.record_clock, self.skew_s, self.observed_vocabulary = roster.record_clock, roster.skew_s, roster.majority
-        self.reject, self.set_present = roster.reject, roster.set_present
+        self.roster = Roster(observers, vocabulary, config)
         self._segmenter, self._rest = Segmenter(config, vocabulary), RestPool()
-        self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name, person)
+        self._builder = JudgementBuilder(scene, vocabulary, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: tuple[PooledState, VerdictBasis] | None = None
         """The last step, if an observer counted in it."""
@@ -76,12 +68,7 @@ class FusionEngine:
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior that arrived at `now_ns`; returns why it was not used, or None."""
-        return self._roster.receive(observer, message, now_ns)
-
-    @property
-    def rejected(self) -> Mapping[str, Counter[str]]:
-        """Per observer, how many of its messages were not used, by reason."""
-        return self._roster.rejected
+        return self.roster.receive(observer, message, now_ns)
 
     @property
     def reliability(self) -> Reliability:
@@ -91,7 +78,7 @@ class FusionEngine:
     @reliability.setter
     def reliability(self, reliability: Reliability) -> None:
         self._reliability = reliability
-        self._roster.set_reliability(reliability)
+        self.roster.set_reliability(reliability)
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` seconds after the first one."""
@@ -104,11 +91,11 @@ class FusionEngine:
         """
         decision, verdicts = self._segmenter.end_now(now_ns), list[VerdictMessage]()
         if decision is not None and (basis := self._bases.get(decision.decided_ns)) is not None:
-            stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
+            stamp = {**self._stamp(now_ns), "seq": self._seq + 1}
             verdicts = [self._verdict(now_ns, decision, {now_ns: basis}, stamp)]
-        self._roster.change_vocabulary(vocabulary)
+        self.roster.change_vocabulary(vocabulary)
         self.take_times(vocabulary)
-        self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name, self.person)
+        self._builder = JudgementBuilder(self._scene, vocabulary, self._rule.name, self.person)
         self._bases, self._last_observed, self._nearest = NO_BASES, None, NearestMiss()
         self.reliability = Reliability()
         self._segmenter.wait(0)
@@ -126,7 +113,7 @@ class FusionEngine:
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`, for many scenes that are pooled together; `output_for` takes the result."""
-        return self._case(self._roster.posteriors(now_ns, self._rest.reliability), now_ns)
+        return self._case(self.roster.posteriors(now_ns, self._rest.reliability), now_ns)
 
     def output_for(
         self, posteriors: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None
@@ -160,12 +147,14 @@ class FusionEngine:
         is_moving = progress is not None or (observed and (state.rest < 0.5 or self._rest.contested))
         why = self._why(state, ballot.agreement.n, began_ns, missing) if is_moving or decisions else None
         stamp = self._stamp(now_ns)
-        judgement = self._builder.judgement(ballot, pooled, self._facets, progress, why if is_moving else None, stamp)
+        judgement = self._builder.judgement(
+            ballot, pooled, self._facets, progress, why if is_moving else None, self.place, stamp
+        )
         current = VerdictBasis(judgement, posteriors, why)
         basis = current if last is None else last[1]
         self._last_observed = (state, current) if observed else None
         verdicts = self._verdicts(now_ns, decisions, basis)
-        self._roster.compare(judgement.movement, now_ns)
+        self.roster.compare(judgement.movement, now_ns)
         return EngineOutput(judgement, self._released(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
@@ -210,7 +199,7 @@ class FusionEngine:
 
     def _case(self, posteriors: Sequence[AgedPosterior], now_ns: int | None = None) -> PoolingCase:
         with_facets = now_ns is None or abs(now_ns - self._facets_ns) >= FACETS_NS
-        return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature, with_facets)
+        return PoolingCase(self._rule, posteriors, self.roster.prior, self._config.temperature, with_facets)
 
     def _verdicts(
         self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictBasis
@@ -232,7 +221,8 @@ class FusionEngine:
         self._bases = {at_ns: bases[at_ns] for at_ns in self._segmenter.basis_times if at_ns in bases}
 
     def _stamp(self, at_ns: int) -> Stamp:
-        return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session, self.person, self.place)
+        own = self._config.id
+        return {"fusion": own, "seq": self._seq, "at_ns": at_ns, "epoch": self.epoch, "session": self.session}
 
     def _released(self, verdicts: Sequence[VerdictMessage]) -> Sequence[VerdictMessage]:
         """The verdicts to publish now: none while observers are waited for, then also those withheld before."""
@@ -276,5 +266,6 @@ class FusionEngine:
         if end.posteriors:
             # Those of a judgement are up to FACETS_NS older.
             facets = published_facets(pool_facets([self._case(end.posteriors)])[0], facets)
-        verdict_id = self._builder.verdict_id(decision.began_ns)
-        return build_verdict(basis.judgement, end.judgement, facets, decision, why, contributed, verdict_id, stamp)
+        fields = {**stamp, "id": self._builder.verdict_id(decision.began_ns), "why": why, "contributions": contributed}
+        at_end = {"facets": facets or None, "facing_deg": end.judgement.facing_deg}
+        return build_verdict(basis.judgement, decision, {**fields, **at_end})

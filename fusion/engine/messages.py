@@ -32,10 +32,14 @@ from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import MovementProgress, repetition_fields
 
 PublishedFacets = Mapping[str, list[float]]
+Stamp = Mapping[str, Any]
+"""The fields of a message that say who publishes it, and when: fusion, seq, at_ns, epoch, session."""
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this in any probability votes for no label."""
 FACING_CELLS_LIMIT = 8192
 """Cells (M, K) of all facings together that votes carry; more would not fit into a message."""
+NOT_POOLED = dict.fromkeys(("entropy", "p", "root_p", "freshness"))
+"""What the vote of an observer leaves out whose posterior is not pooled."""
 
 
 @dataclass(slots=True)
@@ -53,20 +57,7 @@ class Ballot:
     label: str
     p: float
     agreement: Agreement
-    contested: bool = False
-
-
-@dataclass(slots=True)
-class Stamp:
-    """The service that publishes a message, the message's number and time, and whom it is about, if that is said."""
-
-    fusion: str
-    seq: int
-    at_ns: int
-    epoch: int | None = None
-    session: str | None = None
-    person: str | None = None
-    place: Sequence[float] | None = None
+    contested: bool
 
 
 def published_facets(pooled: Mapping[str, Floats], judged: PublishedFacets | None = None) -> PublishedFacets:
@@ -76,14 +67,13 @@ def published_facets(pooled: Mapping[str, Floats], judged: PublishedFacets | Non
 
 
 class JudgementBuilder:
-    """Builds the votes and judgements of one scene."""
+    """Builds the votes and judgements of one scene. person: whom it is about, in a scene that judges several people."""
 
-    def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str, person: str | None = None) -> None:
-        """person: whom the movements are of, in a scene that judges several people."""
-        # Of any label: the prior of a scene is uniform.
-        self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.item(0), rule
-        self._to_bits, self._most_bits = np.full(len(prior), -NATS_TO_BITS), math.log2(len(prior))
-        self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
+    def __init__(self, scene: str, vocabulary: Vocabulary, rule: str, person: str | None = None) -> None:
+        self._labels, size = vocabulary.labels, vocabulary.size
+        self._to_bits, self._most_bits = np.full(size, -NATS_TO_BITS), math.log2(size)
+        reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
+        self._same = {"v": SCHEMA_VERSION, "scene": scene, "vocabulary": reference, "rule": rule, "person": person}
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
         self._id_prefix = scene if person is None else f"{scene}-{person}"
@@ -93,7 +83,7 @@ class JudgementBuilder:
     ) -> Ballot:
         """Every observer's vote, and the fused label. resting: trust in the rest probability, where some is lost."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
-        rows, names = pooled.rows, self._vocabulary.labels
+        rows, names = pooled.rows, self._labels
         *p, pooled_p = rows.tolist()
         *entropies, entropy = self._entropies(rows)
         *likeliest, pooled_likeliest = rows.argmax(axis=1).tolist()
@@ -104,7 +94,7 @@ class JudgementBuilder:
         for n, posterior in enumerate(posteriors):
             label = None
             if posterior.state in POOLED_STATES:
-                label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
+                label = names[likeliest[n]] if _holds_label(posterior, p[n], likeliest[n]) else None
                 labels.append(label)
             name = posterior.observer
             votes[name] = _vote(
@@ -130,6 +120,7 @@ class JudgementBuilder:
         facets: PublishedFacets,
         progress: MovementProgress | None,
         why: str | None,
+        place: Sequence[float] | None,
         stamp: Stamp,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
@@ -137,16 +128,11 @@ class JudgementBuilder:
             facets = {**facets, FACING: _in_range(pooled.facing.tolist())}
         movement, decision = self._in_progress(progress), None if progress is None else progress.decision
         fields = {
-            "v": SCHEMA_VERSION,
-            "scene": self._scene,
-            "fusion": stamp.fusion,
-            "seq": stamp.seq,
-            "at_ns": stamp.at_ns,
-            "vocabulary": self._reference,
+            **self._same,
+            **stamp,
             "p": ballot.pooled,
             "label": ballot.label,
             "certainty_bits": ballot.entropy,
-            "rule": self._rule,
             "votes": ballot.votes,
             "agreement": ballot.agreement,
             "unlearned": pooled.unlearned,
@@ -154,11 +140,8 @@ class JudgementBuilder:
             "facing_deg": None if pooled.facing is None else facing_deg(pooled.facing),
             "movement": movement,
             "why": why if movement is None or movement.label is None else None,
-            "epoch": stamp.epoch,
-            "session": stamp.session,
             **repetition_fields(None if decision is None else decision.repetitions),
-            "person": stamp.person,
-            "place": None if stamp.place is None else list(stamp.place),
+            "place": None if place is None else list(place),
         }
         return unchecked(JudgementMessage, fields)
 
@@ -173,12 +156,14 @@ class JudgementBuilder:
             self._ongoing = None if movement is None else _ongoing(movement, self.verdict_id(movement.began_ns))
         return self._ongoing
 
-    def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
-        """Whether the posterior `p` differs from the prior, and "something else" is no likelier than a label."""
-        top, unlearned, prior = p[likeliest], posterior.unlearned, self._prior
-        if unlearned and unlearned > top * (1.0 - unlearned):
-            return False
-        return top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
+
+def _holds_label(posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
+    """Whether the posterior `p` differs from the prior, and "something else" is no likelier than a label."""
+    # The prior of a scene is uniform.
+    top, unlearned, prior = p[likeliest], posterior.unlearned, 1.0 / len(p)
+    if unlearned and unlearned > top * (1.0 - unlearned):
+        return False
+    return top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
 
 
 def _contests(posterior: AgedPosterior, vote: Vote, fused: str) -> bool:
@@ -207,41 +192,37 @@ def _vote(
     with_facing: bool,
     rest_reliability: float | None,
 ) -> Vote:
-    is_used, facets = posterior.state in POOLED_STATES, posterior.facets
     surprise, repeated = posterior.surprise if with_facing else None, posterior.repeated
-    voted = repeated and unchecked(VotedRepeated, {"partial": repeated.partial, "swing": repeated.swing})
     fields = {
         "label": label,
-        "entropy": entropy if is_used else None,
+        "entropy": entropy,
         "weight": weight,
         "age_s": posterior.age_s,
         "state": posterior.state,
-        "p": p if is_used else None,
+        "p": p,
         "rest": posterior.rest,
         "skew_s": posterior.skew_s,
         "unlearned": posterior.unlearned,
         "facing": None if surprise is None else unchecked(VotedFacing, {"surprise": surprise.tolist()}),
-        "facets": facets or None,
+        "facets": posterior.facets or None,
         "reliability": posterior.reliability,
         "rest_reliability": rest_reliability,
         "label_reliability": posterior.reliability if posterior.reliability < 1.0 else None,
         "doubles": None,
-        "root_p": roots if is_used else None,
-        "freshness": posterior.freshness if is_used and posterior.freshness != 1.0 else None,
-        "repetitions": posterior.repetitions if is_used else None,
-        "repeated": voted if is_used else None,
+        "root_p": roots,
+        "freshness": posterior.freshness if posterior.freshness != 1.0 else None,
+        "repetitions": posterior.repetitions,
+        "repeated": repeated and unchecked(VotedRepeated, {"partial": repeated.partial, "swing": repeated.swing}),
     }
+    if posterior.state not in POOLED_STATES:
+        fields |= NOT_POOLED
     return unchecked(Vote, fields)
 
 
 def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
-    decision = movement.decision
-    fields: dict[str, Any] = {
-        "id": movement_id,
-        "began_ns": movement.began_ns,
-        "label": None if decision is None else decision.label,
-        "decided_ns": None if decision is None else decision.decided_ns,
-        "revises": None if decision is None else decision.revises,
-        "outage_ns": None if decision is None else movement.outage_ns,
-    }
+    fields: dict[str, Any] = dict.fromkeys(OngoingMovement.model_fields)
+    fields |= {"id": movement_id, "began_ns": movement.began_ns}
+    if (decision := movement.decision) is not None:
+        fields |= {"label": decision.label, "decided_ns": decision.decided_ns, "revises": decision.revises}
+        fields["outage_ns"] = movement.outage_ns
     return unchecked(OngoingMovement, fields)

@@ -159,14 +159,8 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
     """The capture time of the newest posterior that is pooled, at most `now_ns`; None without one."""
-    least_age_s = None
-    for posterior in posteriors:
-        age_s = posterior.age_s
-        if age_s is not None and (least_age_s is None or age_s < least_age_s) and posterior.state in POOLED_STATES:
-            least_age_s = age_s
-    if least_age_s is None:
-        return None
-    return now_ns - round(least_age_s * SECOND_NS) if least_age_s > 0.0 else now_ns
+    ages_s = [each.age_s for each in posteriors if each.age_s is not None and each.state in POOLED_STATES]
+    return now_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else None
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> Trust:

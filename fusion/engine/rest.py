@@ -2,9 +2,6 @@
 
 The median over the observers whose posterior is pooled, each weighted by its freshness and by the trust in its rest,
 which is a channel of trust.py. The design and its reasons: fusion.md, "Who may say that the person rests".
-
-Frames may come late or seldom. Observers are compared as of the capture of the oldest newest frame; between two frames
-on different sides an observer may have been on either, and is not compared.
 """
 
 import math
@@ -12,6 +9,7 @@ from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import accumulate
+from statistics import median
 
 import numpy as np
 
@@ -56,7 +54,7 @@ REFRESH_S = 0.25
 
 @dataclass(slots=True)
 class _Voter:
-    """One observer: its newest rest probability and side, and when it changed sides, newest last, by capture.
+    """One observer: its newest rest probability, and when it changed sides, newest last, by capture.
 
     information: of its posterior. before_ns: the frame before each change. changes: a decaying count. honest, course:
     P(honest) by comparison with others, and by its own course. trust: the result.
@@ -65,7 +63,6 @@ class _Voter:
     rest: float
     information: float
     captured_ns: int
-    rests: bool = True
     changed_ns: list[int] = field(default_factory=list)
     before_ns: list[int] = field(default_factory=list)
     changes: float = 0.0
@@ -74,17 +71,14 @@ class _Voter:
     course: float = HONEST
     trust: float = 1.0
 
-    def __post_init__(self) -> None:
-        self.rests = self.rest >= 0.5
-
     def note(self, posterior: AgedPosterior, now_ns: int) -> None:
         """Take its newest posterior."""
         last_ns, least = self.captured_ns, min(posterior.rest, self.rest)
+        self.has_changed = (posterior.rest >= 0.5) != (self.rest >= 0.5)
         self.captured_ns, self.rest = _captured_ns(posterior, now_ns), posterior.rest
-        self.has_changed = (posterior.rest >= 0.5) != self.rests
         if self.has_changed:
             idle_s = (self.captured_ns - self.changed_ns[-1]) / SECOND_NS if self.changed_ns else 0.0
-            self.rests, self.changes = not self.rests, self.changes * math.exp(-max(idle_s, 0.0) / CHANGES_S) + 1.0
+            self.changes = self.changes * math.exp(-max(idle_s, 0.0) / CHANGES_S) + 1.0
             self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
             self.before_ns = [*self.before_ns[1 - CHANGES_KEPT :], last_ns]
         gain, self.information = posterior.information - self.information, posterior.information
@@ -93,15 +87,12 @@ class _Voter:
             self.course = observed(self.course, GAIN * gain * nats_of(2.0 * (1.0 - least)), gain)
 
     def rest_at(self, at_ns: int) -> float | None:
-        """Its rest probability then; None between two frames on different sides, when it may have been on either.
-
-        Of an earlier side only the side is kept.
-        """
+        """Its rest probability then, of an earlier side 0 or 1; None between frames on different sides."""
         after = bisect_right(self.changed_ns, at_ns)
         changes = len(self.changed_ns) - after
         if changes and self.before_ns[after] < at_ns:
             return None
-        return self.rest if changes == 0 else float(self.rests != (changes % 2 == 1))
+        return self.rest if changes == 0 else float((self.rest >= 0.5) != (changes % 2 == 1))
 
     def log_odds(self, rest: float, at_ns: int) -> float:
         """Nats for rest if it says so then, as far as it is honest; 0 if it has just changed sides."""
@@ -140,9 +131,7 @@ class RestPool:
         self._last = 1.0
 
     def pool(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> float:
-        """The probability that the person is at rest; while rest is contested that of before, so that no movement is
-        cut into pieces. One whose labels the others contradict so far that it is named may be hostile: it counts less.
-        """
+        """The probability that the person is at rest; while rest is contested that of before."""
         trust = self.update(posteriors, now_ns)
         if min([posterior.reliability for posterior in posteriors]) < CONTRADICTED:
             labels = [among_contradicted(posterior.reliability) for posterior in posteriors]
@@ -162,14 +151,11 @@ class RestPool:
             self._voters.clear()
             self._at_ns = 0
         self._now_ns, self._sides = now_ns, sides
-        sighted = [
-            self._noted(posterior, now_ns)
-            for posterior, side in zip(posteriors, sides, strict=True)
-            if side is not None
-        ]
+        sighted = [self._noted(each, now_ns) for each, side in zip(posteriors, sides, strict=True) if side is not None]
+        self.contested = False
         if len(sighted) > 1:
             self._compare(sighted)
-        self._trust_in(sighted)
+            self._trust_in(sighted)
         self.reliability = {name: voter.trust for name, voter in self._voters.items() if voter.trust < 1.0}
         voters = [self._voters.get(posterior.observer) for posterior in posteriors]
         self._trust = [1.0 if voter is None else voter.trust for voter in voters]
@@ -177,9 +163,6 @@ class RestPool:
 
     def _trust_in(self, sighted: Sequence[_Voter]) -> None:
         """Compute the trust in each, and whether rest is contested."""
-        self.contested = False
-        if len(sighted) < 2:
-            return
         believed = [voter.honest for voter in sighted] if len(sighted) > 2 else _apart(sighted[0], sighted[1])
         largest = max(believed)
         for voter, honest in zip(sighted, believed, strict=True):
@@ -231,16 +214,13 @@ def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | No
     """The probability that the person is at rest: the weighted median, which is the mean of two.
 
     If no posterior is pooled, the last of observers that disappeared lately, because the network may have failed, or 1.
-
     trust: of each posterior, above 0 to 1; None: 1 each.
     """
     weights = [1.0] * len(posteriors) if trust is None else trust
     fresh = [posterior.rest for posterior in posteriors if posterior.freshness == 1.0 and posterior.state == "counted"]
-    if fresh and len(fresh) == len(posteriors) and weights.count(1.0) == len(fresh):
+    if fresh and len(fresh) == len(posteriors) == weights.count(1.0):
         # The usual case: all are fresh and trusted.
-        fresh.sort()
-        low, high = fresh[(len(fresh) - 1) // 2], fresh[len(fresh) // 2]
-        return low + (high - low) / 2
+        return median(fresh)
     weighted = sorted(
         (posterior.rest, posterior.freshness * weight)
         for posterior, weight in zip(posteriors, weights, strict=True)

@@ -1,8 +1,7 @@
 """The roster: the newest posterior of each observer of a scene, faded to its age. Pure: time is passed in.
 
-The rules: fusion.md, "The roster". Besides, after a clock was set back, a posterior dated more than `drop_s` in the
-future neither counts nor blocks newer ones. One older than `drop_s`, as from a capture that is played again, neither
-replaces a newer one nor keeps one away.
+The rules: fusion.md, "The roster". A posterior that is dated further than `drop_s` from now, as after a clock was set
+back, or from a capture that is played again, blocks no other, nor replaces a newer one.
 """
 
 import math
@@ -36,7 +35,6 @@ from fusion.engine.trust import (
 INTERVALS, SLOWEST_S = 2, 0.75
 """A posterior is fresh for so many usual intervals of its observer (rule 3), but at most for the time over which
 observers themselves take motion to go on (observer/motion/even_rate.py)."""
-NO_TRUST_LOST: Mapping[str, float] = {}
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -47,7 +45,7 @@ class Roster:
     def __init__(self, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self._set_vocabulary(vocabulary)
         self._config = config
-        self._drop_ns, self._fresh_s = config.drop_s * SECOND_NS, config.fresh_s
+        self._drop_ns = config.drop_s * SECOND_NS
         self._states = {observer: RosterEntry() for observer in observers}
         self._present: frozenset[str] = frozenset()
         self._compared_ns = 0
@@ -154,28 +152,26 @@ class Roster:
         digest, votes = counts.most_common(1)[0]
         return digest if 2 * votes > counts.total() else None
 
-    def posteriors(self, now_ns: int, resting: Mapping[str, float] = NO_TRUST_LOST) -> list[AgedPosterior]:
+    def posteriors(self, now_ns: int, resting: Mapping[str, float] | None = None) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`.
 
         resting: trust in what some say about rest.
         """
-        usual = self._usual(now_ns)
+        # P(honest) on the time channel of the upper median of those that are pooled: what most do is no fault.
+        steady = sorted(
+            state.steady
+            for state in self._states.values()
+            if state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= self._drop_ns
+        )
+        usual = steady[len(steady) // 2] if steady else HONEST
         result = [self._aged(observer, state, now_ns, usual) for observer, state in self._states.items()]
-        for n, posterior in enumerate(result) if resting else ():
+        if not resting:
+            return result
+        for n, posterior in enumerate(result):
             share = among_contradicted(resting.get(posterior.observer, 1.0))
             if share < 1.0:
                 result[n] = replace(posterior, reliability=max(posterior.reliability * share, LEAST_TRUST))
         return result
-
-    def _usual(self, now_ns: int) -> float:
-        """P(honest) on the time channel of the upper median of those that are pooled: what most do is no fault."""
-        drop_ns = self._drop_ns
-        pooled = [
-            state.steady
-            for state in self._states.values()
-            if state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= drop_ns
-        ]
-        return sorted(pooled)[len(pooled) // 2] if pooled else HONEST
 
     def _rejection(self, state: RosterEntry, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         """Why a message is not used (rules 1, 2 and 6); None: it is."""
@@ -184,10 +180,6 @@ class Roster:
         if len(message.p) != self._size:
             return "wrong_length"
         last = state.message
-        is_next = last is not None and message.session == last.session and message.seq > last.seq
-        if is_next and state.captured_ns < captured_ns and now_ns - captured_ns <= self._drop_ns:
-            # The usual case first.
-            return None
         if abs(now_ns - state.received_ns) > self._drop_ns or state.captured_ns - now_ns > self._drop_ns:
             return None
         is_late = now_ns - state.captured_ns > self._drop_ns
@@ -205,12 +197,11 @@ class Roster:
         return None
 
     def _aged(self, observer: str, state: RosterEntry, now_ns: int, usual: float) -> AgedPosterior:
-        message, rest, fresh_s = state.message, 1.0, self._fresh_s
+        message, rest = state.message, 1.0
         trust = published_trust(state.honest * state.stays / HONEST, state.steady, usual)
         age_s = None if message is None else (now_ns - state.captured_ns) / SECOND_NS
         if age_s is not None and abs(age_s) <= self._config.drop_s:
-            if INTERVALS * state.interval_ns > fresh_s * SECOND_NS:
-                fresh_s = max(fresh_s, min(INTERVALS * state.interval_ns / SECOND_NS, SLOWEST_S))
+            fresh_s = max(self._config.fresh_s, min(INTERVALS * state.interval_ns / SECOND_NS, SLOWEST_S))
             unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
             freshness = freshness_after(unseen_s - fresh_s, self._config.blind_s)
             rest = state.rest if freshness == 1.0 else 1.0 - freshness * (1.0 - state.rest)

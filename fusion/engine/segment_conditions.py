@@ -4,6 +4,7 @@ The rules are those of segmenter.py. Times: Unix epoch in ns.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from enum import Enum
 from math import inf
 
@@ -28,18 +29,15 @@ from fusion.engine.segments import (
     SegmentStep,
     durations_of,
 )
-from fusion.engine.trust import MOVEMENT_S
 
-CARRIED_NS, REVISED_NS = 2 * NOTICED_NS, 1.0 * SECOND_NS
-"""In a simulation of observers that die, freeze and start, none held the previous label for longer than 0.5 s. A
-premature decision is over after the second."""
+REVISED_NS = 1.0 * SECOND_NS
+"""A premature decision is over after this."""
 REVISIONS_LIMIT = 3
 """Of one movement, so that labels in turn give no endless series of verdicts; wire.md promises it."""
 FADING = 2
 """In multiples of `hold_s`: so long a label has to be unlikely before its movement has ended."""
-HIDING_NS, ENDING_NS = MOVEMENT_S * SECOND_NS, 5.0 * SECOND_NS
-"""An outage that is longer than the first can hide a whole movement and a rest; after one longer than the second the
-same label is another movement (rule 9)."""
+ENDING_NS = 5.0 * SECOND_NS
+"""After a longer outage the same label is another movement (rule 9)."""
 CLEAR_REST = 1.0 - CLEAR_MARGIN
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
 NOTHING, NO_LABEL = MovementProgress(0), HeldLabel("", 0, 0, None)
@@ -62,15 +60,19 @@ class Conditions:
         self._movement, self._held = NOTHING, NO_LABEL
         self._heard: Heard | None = None
         self._quiet: Quiet | None = None
-        self._contested: str | None = None
-        """The last label that would have been decided if no observer had voted for another one."""
-        self._last_ns, self._grace_ns, self._first_ns = 0, 0.0, inf
+        self._last_ns = 0
+        self._wait_ns = 0.0, inf
         """How long, and since when, observers of the roster are waited for; 0: they are not (rule 10)."""
 
     @property
     def movement(self) -> MovementProgress | None:
         """The movement that goes on; None at rest."""
         return None if self.state is IDLE else self._movement
+
+    @property
+    def waits(self) -> bool:
+        """Whether observers of the roster are waited for (rule 10)."""
+        return self._wait_ns[0] > 0.0
 
     @property
     def _decision(self) -> MovementDecision:
@@ -91,32 +93,30 @@ class Conditions:
 
     def observe(self, state: PooledState) -> SegmentStep:
         """Take what is pooled at one step."""
-        heard_ns, gap_ns = self._hear(state)
+        captured_ns = state.at_ns if state.newest_capture_ns is None else state.newest_capture_ns
+        heard_ns = self._hear(captured_ns) if state.observed else captured_ns
+        if captured_ns - heard_ns > OUTAGE_NS:
+            self._heard, self._held = Heard(captured_ns, state.at_ns), NO_LABEL
+            self._contest(None)
         before = self._held if self._held_for(self._last_ns) else None
         self._last_ns = state.at_ns
         self._hold(state, self.state in ENDING and state.rests)
         if self.state is not IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
         met, named = self._held_for(state.at_ns), self._held_for(state.at_ns - state.longer_s * SECOND_NS)
-        self._contested = self._contested if met == named else met
-        return SegmentStep(state, named, before, heard_ns, gap_ns)
+        if met != named:
+            self._contest(met)
+        return SegmentStep(state, named, before, heard_ns, captured_ns - heard_ns)
 
-    def _hear(self, state: PooledState) -> tuple[int, int]:
-        """Take the newest capture of a step; returns the one before, and the time between both (rule 9)."""
-        if not state.observed:
-            return 0, 0
-        captured_ns = state.at_ns if state.newest_capture_ns is None else state.newest_capture_ns
-        last_ns, since_ns = self._heard or (captured_ns, None)
-        if captured_ns - last_ns > OUTAGE_NS:
-            since_ns, self._held, self._contested = state.at_ns, NO_LABEL, None
-        self._heard = Heard(max(captured_ns, last_ns), since_ns)
-        return last_ns, captured_ns - last_ns
-
-    def _follow_captures(self, newest_ns: int) -> int | None:
-        """Take the newest capture of another service; returns when this one had its last, if an outage lies between."""
+    def _hear(self, newest_ns: int) -> int:
+        """Take the newest capture, here or of another service; returns the one before (rule 9)."""
         last_ns, since_ns = self._heard or (newest_ns, None)
         self._heard = Heard(max(newest_ns, last_ns), since_ns)
-        return last_ns if newest_ns - last_ns > OUTAGE_NS else None
+        return last_ns
+
+    def _contest(self, label: str | None) -> None:
+        if self.state is not IDLE and label != self._movement.contested:
+            self._movement = replace(self._movement, contested=label)
 
     def _hold(self, state: PooledState, still: bool) -> None:
         """Take the likeliest label. still: a decided movement rests: posteriors only fade, and the label held stays."""
@@ -164,22 +164,22 @@ class Conditions:
         carried = held.label if at_ns - held.last_ns <= NOTICED_NS <= at_ns - held.since_ns else None
         if after_outage_ns is not None and 0 <= at_ns - after_outage_ns < NOTICED_NS:
             carried = ANY
-        self._movement = MovementProgress(at_ns, None, carried, self._grace_ns > 0)
-        self._quiet = self._contested = None
+        self._movement, self._quiet = MovementProgress(at_ns, None, carried, self.waits), None
         if held.agreed_ns is not None:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
     def _finish(self) -> None:
-        self.state, self._movement, self._quiet, self._contested = IDLE, NOTHING, None, None
+        self.state, self._movement, self._quiet = IDLE, NOTHING, None
 
     def nameable(self, step: SegmentStep) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
         movement, at_ns, quiet, label = self._movement, step.state.at_ns, self._resting, step.named
         if label is None and quiet is not None and quiet.since_ns == at_ns:
-            label = self._held.label if self._held.agreed_ns else self._contested
-        if label is None or self.is_short(at_ns, label) or step.gap_ns > HIDING_NS:
+            label = self._held.label if self._held.agreed_ns else movement.contested
+        if label is None or self.is_short(at_ns, label) or step.hides:
             return None
-        is_carried = movement.carried in (ANY, label) and at_ns - movement.began_ns < CARRIED_NS
+        # Of simulated observers that die, freeze and start, none held the previous label for longer than 0.5 s.
+        is_carried = movement.carried in (ANY, label) and at_ns - movement.began_ns < 2 * NOTICED_NS
         return None if is_carried and (quiet is None or not step.state.observed) else label
 
     def is_short(self, at_ns: int, label: str | None) -> bool:
@@ -290,8 +290,11 @@ class Event(Enum):
     OUTAGE = "an outage is over", lambda _, step: step.is_out
     OUTAGE_IN_MOTION = "an outage is over, and the person moves", lambda _, step: step.is_out and not step.state.idle
     OUTAGE_AT_REST = "an outage is over, and the person does not move", lambda _, step: step.is_out and step.state.idle
-    LONG_OUTAGE_AT_REST = "the outage may hide a movement", lambda _, at: at.gap_ns > HIDING_NS and at.state.idle
-    LONG_OUTAGE = "it was so long that the same label would be another movement", lambda _, at: at.gap_ns > ENDING_NS
+    LONG_OUTAGE_AT_REST = "the outage may hide a movement", lambda _, step: step.hides and step.state.idle
+    LONG_OUTAGE = (
+        "it was so long that the same label would be another movement",
+        lambda _, step: step.gap_ns > ENDING_NS,
+    )
 
     def __init__(self, meaning: str, shows: Callable[[Conditions, SegmentStep], bool]) -> None:
         self.meaning, self.shows = meaning, shows

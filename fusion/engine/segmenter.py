@@ -24,14 +24,9 @@ from math import inf
 
 from common import SECOND_NS
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.segment_conditions import (
-    CLEAR_REST,
-    NO_LABEL,
-    RESTING,
-    Conditions,
-    Event,
-)
+from fusion.engine.segment_conditions import CLEAR_REST, NO_LABEL, RESTING, Conditions, Event
 from fusion.engine.segments import (
+    OUTAGE_NS,
     HeldLabel,
     MovementDecision,
     MovementProgress,
@@ -67,14 +62,9 @@ class Segmenter(Conditions):
         movement = self.movement
         return replace(movement, decision=None) if movement is not None and self.waits else movement
 
-    @property
-    def waits(self) -> bool:
-        """Whether observers of the roster are waited for (rule 10)."""
-        return self._grace_ns > 0
-
     def wait(self, grace_s: float) -> None:
         """Wait for the observers of the roster, at most `grace_s` seconds after the first posterior; 0: no more."""
-        self._grace_ns, self._first_ns = grace_s * SECOND_NS, inf
+        self._wait_ns = grace_s * SECOND_NS, inf
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Take the durations of movements in `vocabulary` from now on."""
@@ -97,9 +87,9 @@ class Segmenter(Conditions):
         if state.repetitions is not None:
             self._count(state)
         if self.waits:
-            self._first_ns = min(self._first_ns, state.at_ns)
-            if state.complete or state.at_ns - self._first_ns >= self._grace_ns:
-                self._grace_ns = 0.0
+            grace_ns, first_ns = self._wait_ns[0], min(self._wait_ns[1], state.at_ns)
+            is_over = state.complete or state.at_ns - first_ns >= grace_ns
+            self._wait_ns = 0.0 if is_over else grace_ns, first_ns
         return published
 
     def _due(self, step: SegmentStep, taken: Collection[Event]) -> "Transition | None":
@@ -116,7 +106,7 @@ class Segmenter(Conditions):
 
         newest_capture_ns: of the posteriors that service had, if it is known. outage_ns: its own.
         """
-        missed_ns = None if newest_capture_ns is None else self._follow_captures(newest_capture_ns)
+        last_ns = None if newest_capture_ns is None else self._hear(newest_capture_ns)
         if movement is None:
             self._finish()
             return
@@ -129,8 +119,8 @@ class Segmenter(Conditions):
             if self.state is IDLE or before is not None:
                 self.state = PAUSED if self.state in RESTING else MOVING
             return
-        if outage_ns is None and missed_ns is not None:
-            outage_ns = max(missed_ns, decision.decided_ns)
+        if outage_ns is None and last_ns is not None and (newest_capture_ns or 0) - last_ns > OUTAGE_NS:
+            outage_ns = max(last_ns, decision.decided_ns)
         if outage_ns is None and own.outage_ns is not None and own.outage_ns >= movement.began_ns:
             outage_ns = own.outage_ns
         quiet = self._resting
@@ -177,7 +167,8 @@ class Segmenter(Conditions):
         return ()
 
     def _drop(self, step: SegmentStep) -> Published:
-        return () if self._contested is None else self._end(step, self._contested)
+        contested = self._movement.contested
+        return () if contested is None else self._end(step, contested)
 
     def _miss(self, step: SegmentStep) -> Published:
         outage_ns = max(step.heard_ns, self._decision.decided_ns)

@@ -1,7 +1,6 @@
 """The data of the segmenter: what is pooled at one time, a movement and its decision, how long movements last. Pure.
 
-Here observers' counts of a periodic movement are pooled, too: by a median weighted by trust, freshness and how far the
-movement swings in each view (docs/design/fusion.md, "Segments", 8). Times: Unix epoch in ns.
+Here observers' counts of a periodic movement are pooled, too (fusion.md, "Segments", 8). Times: Unix epoch in ns.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,6 +15,7 @@ from common.message_types import LONGEST_STAY, PAUSE_S, MovementTimes
 from common.messages import JudgementMessage, VerdictStage
 from common.vocabulary import Vocabulary
 from fusion.engine.roster import AgedPosterior
+from fusion.engine.trust import MOVEMENT_S
 
 NO_TIMES = MovementTimes()
 ANY = "*"
@@ -38,13 +38,12 @@ class RepetitionCount(NamedTuple):
 
 @dataclass(slots=True)
 class PooledState:
-    """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
+    """The pooled posterior at one time: the likeliest label, and probabilities.
 
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    agreeing: observers whose own label it is. observed: whether the posterior of any observer is pooled.
-    newest_capture_ns: capture time of the newest of them; None: at_ns. complete: whether each observer of the roster
-    has begun. repetitions: of the label so far, as observers count them; None: nobody counts. contested: whether an
-    observer votes for another label.
+    agreeing: observers whose own label it is; contested: whether one votes for another. observed: whether any posterior
+    is pooled; newest_capture_ns: of the newest, None: at_ns. complete: whether each observer of the roster has begun.
+    repetitions: of the label so far; None: nobody counts.
     """
 
     at_ns: int
@@ -109,7 +108,8 @@ class MovementProgress:
     """A movement that has not ended: when it began, and the decision, if there is one.
 
     carried: the label that observers held before it began; ANY: any may be. early: it began before each observer had.
-    outage_ns: when it was seen last before an outage that may have hidden its end.
+    outage_ns: when it was seen last before an outage that may have hidden its end. contested: the last label that would
+    have been decided if no observer had voted for another one.
     """
 
     began_ns: int
@@ -117,6 +117,7 @@ class MovementProgress:
     carried: str | None = None
     early: bool = False
     outage_ns: int | None = None
+    contested: str | None = None
 
 
 class HeldLabel(NamedTuple):
@@ -166,6 +167,11 @@ class SegmentStep(NamedTuple):
         """Whether an outage is over."""
         return self.gap_ns > OUTAGE_NS
 
+    @property
+    def hides(self) -> bool:
+        """Whether the outage may have hidden a whole movement."""
+        return self.gap_ns > MOVEMENT_S * SECOND_NS
+
 
 class Heard(NamedTuple):
     """The newest capture time of a posterior, and the time of the step that ended the last outage; None: none yet."""
@@ -192,11 +198,10 @@ UNKNOWN = Durations()
 
 
 def durations_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Durations]:
-    """The durations of the labels of which some are known, and of those that are periodic, by the scene file or else by
-    their takes.
+    """The durations of labels of which some are known, or that are periodic, by the scene file or else by their takes.
 
-    While an observer counts the repetitions of a periodic movement it goes on: for the shortest rest between two takes,
-    and for LONGEST_STAY periods without a turn.
+    A periodic movement goes on while an observer counts its repetitions: for the shortest rest between two takes, and
+    for LONGEST_STAY periods without a turn.
     """
     periodic = vocabulary.periods if config.periodic is None else config.periodic
     durations = {}
@@ -216,10 +221,7 @@ def durations_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Dura
 
 
 def last_capture_ns(judgement: JudgementMessage) -> int:
-    """The capture time of the newest posterior of the service that sent a judgement, by its votes; 0 without one.
-
-    A service that has just started, and has no posterior yet, goes on judging the movement that it continues.
-    """
+    """The capture time of the newest posterior of the service that sent a judgement, by its votes; 0 without one."""
     if judgement.agreement.n:
         return judgement.at_ns
     ages_s = [vote.age_s for vote in judgement.votes.values() if vote.age_s is not None]
@@ -227,11 +229,10 @@ def last_capture_ns(judgement: JudgementMessage) -> int:
 
 
 def pooled_repetitions(posteriors: Iterable[AgedPosterior]) -> RepetitionCount | None:
-    """The weighted median of the counts of these observers; None: nobody counts.
+    """The weighted median of the counts of these observers, rounded down; None: nobody counts.
 
     A view along the movement misses repetitions, so one weighs by its swing, from half to full; of three and more
-    equally trusted no single one outweighs the others, whatever it counts. A repetition counts from its far turning
-    point on: the counts are rounded down.
+    equally trusted no single one outweighs the others, whatever it counts.
     """
     counting = [(each, each.repetitions) for each in posteriors if each.repetitions is not None]
     if not counting:

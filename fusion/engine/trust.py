@@ -1,10 +1,9 @@
 """How far each observer is trusted: one filter for all channels, and what verdicts teach. Pure.
 
 An observer is honest or faulty, on each channel by itself: its labels, its rest probability, and its course over time.
-The state is hidden, and a hidden Markov model of two states follows it, after Dawid and Skene, "Maximum likelihood
-estimation of observer error-rates using the EM algorithm", Applied Statistics 28, 1979: `observed`. What is read is
-trust: P(honest) over that at the start, or over that of the observers beside it, at most 1, because what all do is no
-fault. What an observation is on each channel: fusion.md, "Trust".
+A hidden Markov model of two states follows it: `observed`. What is read is trust: P(honest) over that at the start, or
+over that of the observers beside it, at most 1, because what all do is no fault. Sources, and what an observation is on
+each channel: fusion.md, "Trust".
 """
 
 import math
@@ -43,8 +42,6 @@ CONTRADICTS = math.log(BLUR)
 """Nats: ln g of an observation with two answers, if q is certain."""
 LEAST_NATS = 0.01
 """Less evidence is dropped, so that an observer that left for good leaves no trace."""
-MOST_EVIDENCE = 20.0
-"""Nats; the memory of the filter keeps it below 8, so that a file with more is spoiled."""
 
 
 def nats_of(overlap: float) -> float:
@@ -78,10 +75,7 @@ def honest_of(log_odds: float) -> float:
 
 
 def among_contradicted(trust: float) -> float:
-    """By how much less an observer counts on the other channels that is trusted so little on one that it is named.
-
-    One that the others contradict so far may be hostile.
-    """
+    """By how much less an observer counts on other channels that is named on one: it may be hostile."""
     return min(trust / CONTRADICTED, 1.0)
 
 
@@ -125,10 +119,10 @@ def published_trust(honest: float, steady: float, usual: float) -> float:
 @dataclass(frozen=True, slots=True)
 class Reliability:
     """evidence: nats for the honesty of each observer's labels, beside those at the start; checked when it is read from
-    a file. verdict: id of the last verdict that was counted."""
+    a file: the filter remembers MEMORY observations, and never reaches 8. verdict: id of the last one counted."""
 
     verdict: str = ""
-    evidence: Mapping[str, Annotated[float, Field(ge=-MOST_EVIDENCE, le=MOST_EVIDENCE)]] = field(default_factory=dict)
+    evidence: Mapping[str, Annotated[float, Field(ge=-MEMORY, le=MEMORY)]] = field(default_factory=dict)
 
     def honest(self, observer: str) -> float:
         """P(the labels of an observer are honest)."""

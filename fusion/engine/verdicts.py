@@ -7,22 +7,21 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from typing import Any
 
 import numpy as np
 
-from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.message_types import ROUND_OFF
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
-from common.posterior import ObservedScore, Unscored
+from common.posterior import Unscored
 from common.probability import Floats
 from common.score import REMARK_LIMIT
-from fusion.engine.messages import PublishedFacets, Stamp
+from fusion.engine.messages import Stamp
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import (
-    NOTICED_S,
+    NOTICED_NS,
     MovementDecision,
     MovementProgress,
     PooledState,
@@ -39,13 +38,15 @@ SCORE_DIGITS = 2
 """Of a score; a mean of scores of 10 stays 10."""
 NAMES_LIMIT = 3
 """Awaited observers that are listed by name."""
+DECIDED = ("label", "began_ns", "decided_ns", "ended_ns", "stage", "revises")
+"""What a verdict has from its decision."""
 
 
 @dataclass(slots=True)
 class VerdictBasis:
     """A judgement that a verdict may be based on, its posteriors, and what a label lacked then.
 
-    Without posteriors if it is a verdict, or came from another service. Nothing changes one.
+    Without posteriors if it is a verdict, or came from another service.
     """
 
     judgement: JudgementMessage
@@ -66,32 +67,17 @@ class NearestMiss:
     why: str | None = None
 
 
-def build_verdict(
-    basis: JudgementMessage,
-    end: JudgementMessage,
-    facets: PublishedFacets | None,
-    decision: MovementDecision,
-    why: str | None,
-    contributions: Mapping[str, Contribution] | None,
-    verdict_id: str,
-    stamp: Stamp,
-) -> VerdictMessage:
-    """The verdict for `decision`: posterior and votes are those of `basis`, the facing that of `end`."""
-    fields = {name: getattr(basis, name) for name in JudgementMessage.model_fields}
-    fields |= {"facets": facets or None, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
-    fields |= {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
-    fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
-    fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
-    fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
-    fields |= repetition_fields(decision.repetitions)
-    return VerdictMessage.model_validate(fields)
+def build_verdict(basis: JudgementMessage, decision: MovementDecision, fields: Mapping[str, Any]) -> VerdictMessage:
+    """The verdict for `decision`, with `fields`; what else it has, as posterior and votes, is that of `basis`."""
+    decided = {name: getattr(decision, name) for name in DECIDED} | repetition_fields(decision.repetitions)
+    kept = {name: getattr(basis, name) for name in JudgementMessage.model_fields}
+    return VerdictMessage.model_validate({**kept, "movement": None, **decided, **fields})
 
 
 def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, stamp: Stamp) -> VerdictMessage:
     """`verdict` once more, as the end of its movement."""
-    fields = {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
-    fields |= {"epoch": stamp.epoch, "session": stamp.session, "same_as": same_as}
-    return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
+    fields = {"same_as": same_as, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)}
+    return verdict.model_copy(update={**stamp, **fields})
 
 
 def progress_of(movement: OngoingMovement | VerdictMessage, message: JudgementMessage) -> MovementProgress:
@@ -107,7 +93,7 @@ def progress_of(movement: OngoingMovement | VerdictMessage, message: JudgementMe
 
 
 def contributions(case: PoolingCase, label: int | None) -> dict[str, Contribution]:
-    """The contribution to the answer `label`, in nats of log odds, of each observer whose posterior is pooled.
+    """What each observer whose posterior is pooled contributes to the answer `label`.
 
     label: index in the vocabulary; None for the likeliest answer, which may be "something else".
     """
@@ -152,7 +138,7 @@ def explain_undecided(
         return NO_OBSERVERS
     lacks, is_likely = [], state.p >= config.threshold
     if not is_likely:
-        lacks.append(f"{state.label} {_percent(state.p)} of the {_demand(config.threshold)} needed")
+        lacks.append(f"{state.label} {_percent(state.p)} of the {100 * config.threshold:g} % needed")
     if state.agreeing < config.quorum:
         lacks.append(_votes(state.label if is_likely else "it", state.agreeing, observers, config.quorum))
     if not lacks:
@@ -160,12 +146,6 @@ def explain_undecided(
     elif not is_likely and state.unlearned >= 0.01:
         lacks.insert(0 if state.unlearned > state.p else len(lacks), f"{_percent(state.unlearned)} something else")
     return "; ".join(lacks)[:WHY_LIMIT] or None
-
-
-@cache
-def _demand(threshold: float) -> str:
-    """Written once: it takes as long as the rest of the sentence."""
-    return f"{100 * threshold:g} %"
 
 
 def why_waiting(missing: Sequence[str]) -> str:
@@ -208,21 +188,21 @@ def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> 
     """
     if verdict.ended_ns is None:
         return verdict
-    earliest_ns = max(verdict.began_ns, verdict.ended_ns - 2 * round(NOTICED_S * SECOND_NS))
-    scores, trust = dict[str, ObservedScore | Unscored](), dict[str, float]()
+    earliest_ns, judged, reasons = max(verdict.began_ns, verdict.ended_ns - round(2 * NOTICED_NS)), {}, Counter[str]()
     for each in posteriors:
-        if each.score is not None and each.score.label == verdict.label and each.score.ended_ns > earliest_ns:
-            scores[each.observer], trust[each.observer] = each.score, each.reliability
-    judged = {name: own for name, own in scores.items() if isinstance(own, ObservedScore)}
+        if each.score is None or each.score.label != verdict.label or each.score.ended_ns <= earliest_ns:
+            continue
+        if isinstance(each.score, Unscored):
+            reasons[each.score.reason] += 1
+        else:
+            judged[each.observer] = each.score, each.reliability
     if not judged:
-        reasons = Counter(own.reason for own in scores.values() if isinstance(own, Unscored))
         return verdict.model_copy(update={"unscored": reasons.most_common(1)[0][0]}) if reasons else verdict
-    score = pooled_score({name: JudgedScore(own.score, own.certainty, trust[name]) for name, own in judged.items()})
-    remarks = pooled_remarks([own.remarks for own in judged.values()])
-    return verdict.model_copy(
-        update={
-            "score": None if score is None else round(score, SCORE_DIGITS),
-            "scores": {name: round(own.score, SCORE_DIGITS) for name, own in judged.items()},
-            "remarks": [remark.words[:REMARK_LIMIT] for remark in remarks] or None,
-        }
-    )
+    score = pooled_score({n: JudgedScore(own.score, own.certainty, trust) for n, (own, trust) in judged.items()})
+    remarks = pooled_remarks([own.remarks for own, _ in judged.values()])
+    fields = {
+        "score": None if score is None else round(score, SCORE_DIGITS),
+        "scores": {name: round(own.score, SCORE_DIGITS) for name, (own, _) in judged.items()},
+        "remarks": [remark.words[:REMARK_LIMIT] for remark in remarks] or None,
+    }
+    return verdict.model_copy(update=fields)

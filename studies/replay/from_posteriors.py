@@ -52,7 +52,7 @@ def replay_posteriors(
 
 def _follow(engine: FusionEngine, known: Vocabularies, now_ns: int) -> Sequence[VerdictMessage]:
     """Change to the vocabulary in which most observers publish, as the fusion service did; the verdicts that ended."""
-    digest = engine.observed_vocabulary(now_ns)
+    digest = engine.roster.majority(now_ns)
     if digest is None or digest == engine.vocabulary.digest or digest not in known:
         return ()
     return engine.change_vocabulary(replace(vocabulary_of(digest, known), name=engine.vocabulary.name), now_ns)
@@ -65,7 +65,7 @@ class _CaptureIngest:
         self._keys, self._engines, self._first = scene.keys, engines, next(iter(engines.values()))
         self._people: PeopleIngest | None = None
         if scene.people.most > 1:
-            self._people = PeopleIngest(ScenePeople(scene.people.ids), self._first.skew_s)
+            self._people = PeopleIngest(ScenePeople(scene.people.ids), self._first.roster.skew_s)
         self._alive: frozenset[str] = frozenset()
 
     def is_relevant(self, record: CaptureRecord) -> bool:
@@ -87,7 +87,7 @@ class _CaptureIngest:
                 ids = frozenset({observer})
                 self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
                 for engine in self._engines.values():
-                    engine.set_present(self._alive)
+                    engine.roster.set_present(self._alive)
             elif record.key.endswith("/status"):
                 self._read_clock(observer, record)
         self._receive(arrivals, now_ns)
@@ -107,9 +107,9 @@ class _CaptureIngest:
             try:
                 message = decode_from(arrival.key, PosteriorMessage, arrival.payload)
             except BadMessage as error:
-                self._first.reject(observer, error.reason)
+                self._first.roster.reject(observer, error.reason)
                 continue
-            if observer in self._first.rejected:
+            if observer in self._first.roster.rejected:
                 yield observer, message
 
     def _read_clock(self, observer: str, record: CaptureRecord) -> None:
@@ -117,11 +117,11 @@ class _CaptureIngest:
         try:
             status = decode(StatusMessage, record.payload)
         except BadMessage as error:
-            self._first.reject(observer, error.reason)
+            self._first.roster.reject(observer, error.reason)
             return
         if status.at_ns is not None and abs(status.at_ns - record.arrived_ns) > DELAY_LIMIT_NS:
             for engine in self._engines.values():
-                engine.record_clock(observer, ClockReading(record.arrived_ns, status.at_ns, record.arrived_ns))
+                engine.roster.record_clock(observer, ClockReading(record.arrived_ns, status.at_ns, record.arrived_ns))
 
 
 def _groups(

@@ -169,7 +169,7 @@ class _Trial:
             end_ns = message.ended_ns or message.decided_ns
             span = tuple((at_ns - BEGAN_NS) / SECOND_NS for at_ns in (message.began_ns, end_ns))
             verdicts[message.id] = (message.label, span, message.ended_ns is not None)
-        vote, rejected = self.last.votes[HOSTILE], dict(self.engine.rejected[HOSTILE])
+        vote, rejected = self.last.votes[HOSTILE], dict(self.engine.roster.rejected[HOSTILE])
         statistics = self.ingest.statistics(list(self.last.votes))
         return Outcome(verdicts, vote.reliability, rejected, self.states, self.last, statistics, self.about_rest)
 

@@ -37,7 +37,7 @@ def verdicts(jump_s, at_tick, *, on_this_machine, movements=LABELS[:2]):
         shown_ns = machine.wall_ns() if on_this_machine else machine.ticks_ns() + 10**18
         for observer in ("door", "wheel", "table"):
             if machine.tick % 15 == 0:
-                scene.engine.record_clock(observer, ClockReading(clock(), shown_ns, clock()))
+                scene.engine.roster.record_clock(observer, ClockReading(clock(), shown_ns, clock()))
             posterior = message(shown_ns, observer=observer, seq=machine.tick, session=observer, p=p, rest=rest)
             scene.engine.receive(observer, posterior, clock())
         output = scene.engine.step(clock())

@@ -138,9 +138,9 @@ def test_without_a_vote_no_movement_is_named_and_none_is_decided(rule):
 
 def test_an_observer_whose_process_disappears_is_silent_at_once_and_the_others_continue():
     scene = EngineDriver()
-    scene.engine.set_present(frozenset(VIEWS))
+    scene.engine.roster.set_present(frozenset(VIEWS))
     scene.step(all_views(sure("bow")), MOVING, 2)
-    scene.engine.set_present(frozenset(VIEWS) - {"back"})
+    scene.engine.roster.set_present(frozenset(VIEWS) - {"back"})
     judgement = scene.step(all_views(sure("bow"), "back"), MOVING, 4)
     back = judgement.votes["back"]
     assert (back.state, back.label, back.p, back.entropy) == ("silent", None, None, None)
@@ -149,10 +149,10 @@ def test_an_observer_whose_process_disappears_is_silent_at_once_and_the_others_c
 
 def test_what_the_last_frame_of_a_film_shows_is_decided_when_its_observer_has_gone():
     scene = EngineDriver(["film"], quorum=1)
-    scene.engine.set_present(frozenset({"film"}))
+    scene.engine.roster.set_present(frozenset({"film"}))
     scene.step({"film": sure("bow", 0.7)}, MOVING, 6)
     last = scene.step({"film": sure("bow", 0.85)}, MOVING)
-    scene.engine.set_present(frozenset())
+    scene.engine.roster.set_present(frozenset())
     scene.tick()
     assert scene.verdicts == [] and scene.fuse().agreement.n == 0
     (verdict,) = scene.verdicts
@@ -166,15 +166,15 @@ def test_what_the_last_frame_of_a_film_shows_is_decided_when_its_observer_has_go
 
 def test_a_second_without_any_observer_neither_ends_a_movement_nor_is_forgotten_by_a_service_that_follows():
     scene = EngineDriver()
-    scene.engine.set_present(frozenset(VIEWS))
+    scene.engine.roster.set_present(frozenset(VIEWS))
     scene.step(all_views(sure("bow")), MOVING, 6)
     captured_ns = scene.now_ns
-    scene.engine.set_present(frozenset())
+    scene.engine.roster.set_present(frozenset())
     for _ in range(10):
         scene.tick()
         judgement = scene.fuse()
     assert judgement.agreement.n == 0 and last_capture_ns(judgement) == captured_ns
-    scene.engine.set_present(frozenset(VIEWS))
+    scene.engine.roster.set_present(frozenset(VIEWS))
     scene.step(all_views(sure("bow")), MOVING, 6)
     assert [verdict.stage for verdict in scene.verdicts] == ["decided"]
 
@@ -189,9 +189,9 @@ def test_a_movement_that_is_closed_does_not_end_before_its_decision():
 
 def test_what_is_improbable_is_not_decided_when_the_observers_go():
     scene = EngineDriver(["film"], quorum=1)
-    scene.engine.set_present(frozenset({"film"}))
+    scene.engine.roster.set_present(frozenset({"film"}))
     scene.step({"film": sure("bow", 0.7)}, MOVING, 6)
-    scene.engine.set_present(frozenset())
+    scene.engine.roster.set_present(frozenset())
     for _ in range(30):
         scene.tick()
         scene.fuse()
@@ -201,14 +201,14 @@ def test_what_is_improbable_is_not_decided_when_the_observers_go():
 def test_what_was_named_before_a_movement_is_not_decided_when_the_observers_go_just_after_its_begin():
     """The router is killed a tenth of a second after the person began to move."""
     scene = EngineDriver(quorum=2, hold_s=0.1)
-    scene.engine.set_present(frozenset(VIEWS))
+    scene.engine.roster.set_present(frozenset(VIEWS))
     scene.step(all_views(sure("bow")), REST, 6)
     scene.step(all_views(sure("bow")), MOVING, 2)
-    scene.engine.set_present(frozenset())
+    scene.engine.roster.set_present(frozenset())
     for _ in range(15):
         scene.tick()
         scene.fuse()
-    scene.engine.set_present(frozenset(VIEWS))
+    scene.engine.roster.set_present(frozenset(VIEWS))
     scene.step(all_views(sure("punch")), MOVING, 8)
     scene.step(all_views(sure("punch")), REST, 4)
     assert [label for label in scene.labels if label != ABSTAIN] == ["punch", "punch"]
@@ -220,12 +220,12 @@ def test_all_states_of_a_vote_side_by_side():
     scene.publish("stale", sure("bow"), 0.1, captured_ns=scene.now_ns - SECOND_NS)
     scene.publish("late", sure("bow"), 0.1, captured_ns=scene.now_ns - 3 * SECOND_NS)
     assert scene.publish("foreign", sure("bow"), 0.1, vocabulary=Vocabulary(("a", "b")))
-    scene.engine.reject("invalid", "malformed")
+    scene.engine.roster.reject("invalid", "malformed")
     votes = scene.fuse().votes
     assert {name: vote.state for name, vote in votes.items()} == {name: name for name in votes}
     assert {name for name, vote in votes.items() if vote.label} == {"counted", "stale"}
-    assert scene.engine.rejected["foreign"] == {"foreign_vocabulary": 1}
-    assert scene.engine.rejected["invalid"] == {"malformed": 1}
+    assert scene.engine.roster.rejected["foreign"] == {"foreign_vocabulary": 1}
+    assert scene.engine.roster.rejected["invalid"] == {"malformed": 1}
 
 
 @pytest.mark.parametrize("rule", ALL_RULES)

@@ -89,7 +89,7 @@ def test_an_observer_that_dies_later_delays_nothing():
 def test_an_observer_with_unusable_messages_has_begun():
     scene = starting(quorum=2)
     scene.step(views(UNIFORM, VIEWS[:3]), REST)
-    scene.engine.reject("back", "malformed")
+    scene.engine.roster.reject("back", "malformed")
     scene.step(views(sure("bow"), VIEWS[:3]), MOVING, 5)
     assert scene.labels == ["bow"]
 

@@ -90,7 +90,7 @@ def test_the_time_of_a_score_is_by_the_clock_of_fusion():
     driver = EngineDriver()
     hour_ns = 3600 * SECOND_NS
     asked_ns = driver.now_ns
-    driver.engine.record_clock("door", ClockReading(asked_ns, asked_ns + hour_ns, asked_ns))
+    driver.engine.roster.record_clock("door", ClockReading(asked_ns, asked_ns + hour_ns, asked_ns))
     driver.step(all_views(sure("bow")), MOVING, times=15)
     began_ns = driver.now_ns
     for _ in range(15):
