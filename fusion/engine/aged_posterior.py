@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from common import SECOND_NS
 from common.clock_skew import ClockReading, ClockSkew
 from common.messages import PosteriorMessage, VoteState
 from common.posterior import ObservedScore, Repeated, Unscored
@@ -22,6 +23,9 @@ POOLED_STATES = ("counted", "stale")
 GAPS = 8
 """An observer's usual interval is the median of the last gaps; fewer than half of them show none (as
 observer/motion/even_rate has it of pictures)."""
+INTERVALS, SLOWEST_S = 2, 0.75
+"""A posterior is fresh for so many usual intervals of its observer (rule 3), but at most for the time over which
+observers themselves take motion to go on (observer/motion/even_rate.py)."""
 SESSIONS_LIMIT = 64
 """Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
@@ -55,10 +59,7 @@ class ObserverClock:
         self.correction_ns = best.skew_ns if best is not None and is_certain else 0
 
     def captured_ns(self, message: PosteriorMessage, now_ns: int) -> int:
-        """The capture time of a message that arrived at `now_ns`, and not later.
-
-        A capture after the sending contradicts itself: it counts as captured when it was sent.
-        """
+        """The capture time of a message that arrived at `now_ns`: not later, and not after it was sent."""
         captured_ns, sent_ns = min(message.captured_ns, message.sent_ns), message.sent_ns
         latest_ns = now_ns - (sent_ns - captured_ns)
         if self.doubtful or (sent_ns <= self.sent_ns and self._precedes(message)):
@@ -120,10 +121,10 @@ class RosterEntry:
 
     p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
     honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). visible_ns: capture of the
-    newest frame that showed a body part. interval_ns: the usual time between two captures, 0 while unknown. fault: the
-    vote state after an unusable message. gone: the process disappeared after its last usable one. published: the hash
-    of the vocabulary of its newest message, usable or not, and when that arrived; None if the process disappeared
-    since. All times by our clock, Unix epoch.
+    newest frame that showed a body part. usual_s: for so long a posterior is fresh by the observer's usual interval, 0
+    while that is unknown. fault: the vote state after an unusable message. gone: the process disappeared after its last
+    usable one. published: the hash of the vocabulary of its newest message, usable or not, and when that arrived; None
+    if the process disappeared since. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))
@@ -141,7 +142,7 @@ class RosterEntry:
     received_ns: int = 0
     visible_ns: int = 0
     gaps_ns: deque[int] = field(default_factory=lambda: deque(maxlen=GAPS))
-    interval_ns: int = 0
+    usual_s: float = 0.0
     gone: bool = False
     published: tuple[str, int] | None = None
     fault: VoteState | None = None
@@ -157,13 +158,14 @@ class RosterEntry:
             self.past_sessions.remove(message.session)
         self.session_ns, self.visible_ns, self.steady = now_ns, captured_ns, HONEST
         self.gaps_ns.clear()
-        self.interval_ns = 0
+        self.usual_s = 0.0
 
     def note_gap(self, gap_ns: int) -> None:
         """Count the time from one capture to the next towards the observer's usual interval."""
         self.gaps_ns.append(gap_ns)
         gaps = len(self.gaps_ns)
-        self.interval_ns = sorted(self.gaps_ns)[gaps // 2] if 2 * gaps >= GAPS else 0
+        if 2 * gaps >= GAPS:
+            self.usual_s = min(INTERVALS * sorted(self.gaps_ns)[gaps // 2] / SECOND_NS, SLOWEST_S)
 
     def count_rejected(self, reason: str) -> None:
         """Count a message that was not used."""

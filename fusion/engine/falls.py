@@ -58,13 +58,12 @@ class FallDetector:
     def update(self, lying: Mapping[str, float | None], now_ns: int) -> FallState:
         """The state at `now_ns`. lying: P(lying) by observer; None: it does not see the person well enough."""
         p = pooled(lying)
-        n = sum(each is not None for each in lying.values())
-        k = sum(each is not None and each >= LIES for each in lying.values())
+        seen = [each for each in lying.values() if each is not None]
         before, stage = self._state, self._stage(p, now_ns)
-        begins = stage == "low" != before.stage
         # A fall is counted and dated from when the person began to lie.
-        since_ns = before.since_ns if stage == before.stage or stage == "fallen" else now_ns
-        self._state = FallState(stage, since_ns, p, k, n, before.number + begins)
+        since_ns = before.since_ns if stage in (before.stage, "fallen") else now_ns
+        number = before.number + (stage == "low" != before.stage)
+        self._state = FallState(stage, since_ns, p, sum(each >= LIES for each in seen), len(seen), number)
         return self._state
 
     def _stage(self, p: float | None, now_ns: int) -> FallStage:

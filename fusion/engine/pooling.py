@@ -23,10 +23,10 @@ FACETS_NS = SECOND_NS // 5
 
 @dataclass(slots=True)
 class PooledPosterior:
-    """The result of pooling.
+    """The result of pooling: p (M,), given that it is a movement of the vocabulary; weights (N,); facing (K,).
 
-    p (M,), given that it is a movement of the vocabulary; weights (N,); unlearned: the probability that it is none;
-    facing (K,). rows (N + 1, M): the posteriors that were pooled, and then p. facets: by name; None: not pooled.
+    unlearned: the probability that it is none. rows (N + 1, M): the posteriors that were pooled, and then p. facets: by
+    name; None: not pooled.
     """
 
     p: Floats
@@ -66,13 +66,12 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     facing = _facing(case.posteriors, len(prior))
     if facing is None:
         pooled = case.rule.pool(answers, prior, trust)
-        return _result(rows, _tempered(pooled.p, prior, case.temperature), pooled.weights, has_unlearned)
+        return _result(case, rows, pooled.p, pooled.weights)
     joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, trust)
     pooled_answers = joint.p.sum(axis=1)
     # The divisor keeps an answer of probability 0 from giving a NaN.
     facing_given_answer = joint.p / np.where(pooled_answers > 0, pooled_answers, 1.0)[:, None]
-    pooled_answers = _tempered(pooled_answers, prior, case.temperature)
-    return _result(rows, pooled_answers, joint.weights, has_unlearned, pooled_answers @ facing_given_answer)
+    return _result(case, rows, pooled_answers, joint.weights, facing_given_answer)
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
@@ -101,8 +100,7 @@ def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     answers = np.array([_answers(case, case_rows, has_unlearned) for case, case_rows in zip(cases, rows, strict=True)])
     trust = _stacked([observer_trust(case.posteriors) for case in cases])
     pooled = first.rule.pool(answers, prior, trust)
-    for case_rows, p, weights in zip(rows, pooled.p, pooled.weights, strict=True):
-        yield _result(case_rows, _tempered(p, prior, first.temperature), weights, has_unlearned)
+    yield from map(_result, cases, rows, pooled.p, pooled.weights)
 
 
 def _stacked(trusts: Sequence[Trust]) -> Trust:
@@ -204,10 +202,7 @@ def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:
 
 
 def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
-    """(N, R, K) P(k | answer): uniform for observers that do not publish it, and for "something else".
-
-    None if no observer publishes it.
-    """
+    """(N, R, K) P(k | answer), uniform where it is not published; None if no observer publishes it."""
     tables = [posterior.surprise for posterior in posteriors if posterior.surprise is not None]
     if not tables:
         return None
@@ -220,14 +215,14 @@ def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
     return facing
 
 
-def _tempered(answers: Floats, prior: Floats, temperature: float) -> Floats:
-    return answers if temperature == 1.0 else temper(answers, prior, 1.0 / temperature)
-
-
 def _result(
-    rows: Floats, answers: Floats, weights: Floats, has_unlearned: bool, facing: Floats | None = None
+    case: PoolingCase, rows: Floats, answers: Floats, weights: Floats, facing_given_answer: Floats | None = None
 ) -> PooledPosterior:
     """The pooled answers as movements and "something else"; the movements become the last of the rows."""
+    has_unlearned = len(answers) > len(case.prior)
+    if case.temperature != 1.0:
+        answers = temper(answers, _prior(case, has_unlearned), 1.0 / case.temperature)
+    facing = None if facing_given_answer is None else answers @ facing_given_answer
     if not has_unlearned:
         rows[-1] = answers
         return PooledPosterior(answers, weights, None, facing, rows)

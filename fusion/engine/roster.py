@@ -32,9 +32,6 @@ from fusion.engine.trust import (
     published_trust,
 )
 
-INTERVALS, SLOWEST_S = 2, 0.75
-"""A posterior is fresh for so many usual intervals of its observer (rule 3), but at most for the time over which
-observers themselves take motion to go on (observer/motion/even_rate.py)."""
 SAME_ID_S = 1.0
 """A process that captures a frame so long after another one with its id began still runs (rule 2)."""
 
@@ -45,7 +42,7 @@ class Roster:
     def __init__(self, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self._set_vocabulary(vocabulary)
         self._config = config
-        self._drop_ns = config.drop_s * SECOND_NS
+        self._drop_ns, self._fresh_s = config.drop_s * SECOND_NS, config.fresh_s
         self._states = {observer: RosterEntry() for observer in observers}
         self._present: frozenset[str] = frozenset()
         self._compared_ns = 0
@@ -180,6 +177,10 @@ class Roster:
         if len(message.p) != self._size:
             return "wrong_length"
         last = state.message
+        is_next = last is not None and message.session == last.session and message.seq > last.seq
+        if is_next and state.captured_ns < captured_ns and now_ns - captured_ns <= self._drop_ns:
+            # The usual case first.
+            return None
         if abs(now_ns - state.received_ns) > self._drop_ns or state.captured_ns - now_ns > self._drop_ns:
             return None
         is_late = now_ns - state.captured_ns > self._drop_ns
@@ -201,7 +202,7 @@ class Roster:
         trust = published_trust(state.honest * state.stays / HONEST, state.steady, usual)
         age_s = None if message is None else (now_ns - state.captured_ns) / SECOND_NS
         if age_s is not None and abs(age_s) <= self._config.drop_s:
-            fresh_s = max(self._config.fresh_s, min(INTERVALS * state.interval_ns / SECOND_NS, SLOWEST_S))
+            fresh_s = self._fresh_s if state.usual_s < self._fresh_s else state.usual_s
             unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
             freshness = freshness_after(unseen_s - fresh_s, self._config.blind_s)
             rest = state.rest if freshness == 1.0 else 1.0 - freshness * (1.0 - state.rest)
