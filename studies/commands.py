@@ -1,5 +1,6 @@
 """The verb `evaluate`, and `evaluate --paper`, with their options."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,15 +10,14 @@ from common.command_options import takes_options
 from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import named_numbers, one_of, split_list
-from studies.evaluate_options import EvaluateOptions, LabelSets, TestSubjects, TrainSubjects
+from studies.evaluate_options import EvaluateOptions, LabelSets
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
     from studies.evaluate import EvaluationSettings
     from studies.evaluated_archives import EvaluatedArchives
-    from studies.run_evaluation import EvaluationTasks
 
-DEFAULT_FACINGS = 12
+DEFAULT_FACINGS = 12.0
 """One per 30 degrees: fewer lose up to 2 points between two facings, more cost time (docs/design/model.md)."""
 
 
@@ -38,19 +38,51 @@ def evaluate(options: EvaluateOptions) -> None:
     """
     # Begins before the imports, which take a moment.
     with ProgressBar("reading the recordings"):
-        whole, settings, tasks = _input(options)
-    from studies.run_evaluation import run_evaluation
-
-    written = run_evaluation(whole, settings, tasks)
+        whole, settings = _input(options)
+    written = _evaluate(whole, settings, options)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
 
-def _input(options: EvaluateOptions) -> "tuple[MotionArchive, EvaluationSettings, EvaluationTasks]":
+def _evaluate(whole: "MotionArchive", settings: "EvaluationSettings", options: EvaluateOptions) -> list[Path]:
+    """Evaluate with progress, print the result, write the files that are asked for; returns the files.
+
+    Each model is learned once, and judges all that is asked for.
+    """
+    from common.parallel import cores
+    from studies.evaluate import require_fits, results_of
+    from studies.observing import Extent, observe_folds
+    from studies.output_files import require_writable, write_text
+    from studies.report import as_json, draw_streams, prepare_report, write_report
+    from studies.report_text import as_text, resolved_pairs
+    from studies.stream import judge_observed
+
+    report, jobs, streams = options.report, options.jobs or cores(), options.stream or bool(settings.other_motion)
+    if report:
+        prepare_report(report)
+    if options.json:
+        require_writable(options.json, "--json")
+    require_fits(settings)
+    with ProgressBar() as bar:
+        folds = observe_folds(whole, settings, Extent(streams=streams), bar, jobs)
+        judged = judge_observed(folds, settings, bar, jobs) if streams else None
+        result = results_of(folds, settings)
+    figures = as_json(result) | ({"stream": judged.as_json()} if judged else {})
+    print(as_text(figures))
+    if len(settings.views) > 1:
+        print(f"\n{resolved_pairs(figures)}")
+    written = write_report(result, figures, report) if report else []
+    if report and judged:
+        written += draw_streams(judged, report)
+    if options.json:
+        written.append(write_text(options.json, json.dumps(figures, indent=1) + "\n", "--json"))
+    return written
+
+
+def _input(options: EvaluateOptions) -> "tuple[MotionArchive, EvaluationSettings]":
     """The recordings and what to do with them; raises BadInput for options that do not fit."""
     from observer.geometry.placement import parse_place, placement_of
     from studies.evaluated_archives import BackgroundArchives, read_archives
-    from studies.run_evaluation import EvaluationTasks, require_compatible
 
     background = BackgroundArchives.parse(options.background, options.background_subjects)
     parts = split_list("--body-parts", options.body_parts)
@@ -59,9 +91,14 @@ def _input(options: EvaluateOptions) -> "tuple[MotionArchive, EvaluationSettings
         options.archive, options.views, options.sensor or [], parts, background, options.other_motion or [], placement
     )
     settings = _settings(options, archives)
-    tasks = EvaluationTasks(options.stream, options.learning_curve, options.jobs, options.report, options.json)
-    require_compatible(settings, tasks)
-    return archives.whole, settings, tasks
+    is_turned, has_facings = settings.turn != 0, settings.parameters.get("facings", 1) > 1
+    for option, is_set in (("--turn", is_turned), ("--parameter facings", has_facings)):
+        if is_set and any(view.is_this_camera for view in settings.views):
+            raise BadInput(f"{option}: needs positions in 3-D, and the archive holds 2-D tracks; omit it")
+    for option, is_set in (("--turn", is_turned), ("--onset unknown", not settings.onset_known)):
+        if is_set and settings.sensors:
+            raise BadInput(f"--sensor {option}: sensors are judged on what they recorded; omit {option}")
+    return archives.whole, settings
 
 
 def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "EvaluationSettings":
@@ -107,8 +144,6 @@ def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "Evalu
 def paper(
     archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
     labels: LabelSets = None,
-    train_subjects: TrainSubjects = "",
-    test_subjects: TestSubjects = "",
     report: Annotated[Path | None, typer.Option(help="Folder for the text and the figures.")] = None,
     of_paper: Annotated[bool, typer.Option("--paper", show_default=False, help="This experiment.")] = True,
 ) -> None:
@@ -127,11 +162,10 @@ def paper(
 
     whole = with_parts(read_archive(archive), BODY_PARTS)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}
-    train, test = split_list("--train-subjects", train_subjects), split_list("--test-subjects", test_subjects)
     if report:
         prepare_report(report)
     with ProgressBar() as bar:
-        results = run_experiments(whole, sets, train, test, bar)
+        results = run_experiments(whole, sets, bar)
     text = as_text(results)
     print(text)
     if report:
@@ -147,8 +181,7 @@ def _parameters(options: EvaluateOptions, turn_deg: float | None) -> dict[str, f
 
     parameters = named_numbers("--parameter", options.parameter or [])
     knows_facings = options.model in MODELS and "facings" in MODELS[options.model].PARAMETERS
-    count = options.facings or (DEFAULT_FACINGS if turn_deg is None and knows_facings else 0)
-    return {**({"facings": float(count)} if count else {}), **parameters}
+    return ({"facings": DEFAULT_FACINGS} if turn_deg is None and knows_facings else {}) | parameters
 
 
 def _turn(text: str) -> float | None:

@@ -34,11 +34,7 @@ def effort(
     views: Annotated[
         str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG] or camera files, separated by commas.")
     ],
-    rule: Annotated[str, typer.Option(help="The fusion rule.")] = DEFAULT_RULE,
-    rate: Annotated[
-        float | None, typer.Option(min=1, max=1000, help="Frames per second; default: that of most recordings.")
-    ] = None,
-    report: Annotated[Path | None, typer.Option(help="Folder for the tables and figures.")] = None,
+    report: Annotated[Path | None, typer.Option(help="Folder for the tables and the figure.")] = None,
     json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
     of_effort: Annotated[bool, typer.Option("--effort", show_default=False, help="Effort, not movements.")] = True,
 ) -> None:
@@ -54,8 +50,8 @@ def effort(
     if json is not None:
         require_writable(json, "--json")
     with ProgressBar() as bar:
-        at = judge_poles(select(whole, (), rate or usual), chosen, rule, FRACTIONS, bar)
-    summary = as_json(at, rule)
+        at = judge_poles(select(whole, (), usual), chosen, FRACTIONS, bar)
+    summary = as_json(at)
     text = as_text(summary)
     print(text)
     written = [] if report is None else _write_report(report, text, at[1.0], summary)
@@ -66,15 +62,12 @@ def effort(
 
 
 def _write_report(folder: Path, text: str, result: "EffortResult", summary: dict[str, Any]) -> list[Path]:
-    names = [*result.views, FUSED]
-    rates = {name: [by[name]["accuracy"] for by in summary["factors"].values()] for name in names}
     series, ece = {}, {}
     for factor, by in summary["factors"].items():
         p, truth = result.poles(FUSED, factor)
         series[factor], ece[factor] = (p.max(axis=1), p.argmax(axis=1) == truth), by[FUSED]["ece"]
     return [
         write_text(folder / "effort.txt", text + "\n", "--report"),
-        figures().poles_figure(list(summary["factors"]), rates, folder / "poles.png"),
         figures().reliability_figure(series, ece, folder / "reliability.png"),
     ]
 
@@ -105,15 +98,14 @@ class EffortResult:
 def judge_poles(
     archive: MotionArchive,
     views: Sequence[View],
-    rule: str = DEFAULT_RULE,
     fractions: Sequence[float] = (1.0,),
     progress: Progress = lambda *_: None,
 ) -> dict[float, EffortResult]:
     """Judge each action by models of the others, after each fraction of the movement.
 
-    Raises BadInput for an archive without Effort levels or with a single action, and for an unknown rule.
+    Raises BadInput for an archive without Effort levels or with a single action.
     """
-    pool, rate_hz = get_rule(rule, "--rule").pool, common_rate(archive)
+    pool, rate_hz = get_rule(DEFAULT_RULE).pool, common_rate(archive)
     names = tuple(view.name for view in views)
     check_names(names)
     whole = {view.name: effort_examples(archive, view) for view in views}
@@ -151,13 +143,13 @@ def _poles(model: EffortModel, trial: EffortExample) -> Floats:
     return np.array([facets[f"effort_{factor}"] for factor in FACTORS])
 
 
-def as_json(at: Mapping[float, EffortResult], rule: str) -> dict[str, Any]:
+def as_json(at: Mapping[float, EffortResult]) -> dict[str, Any]:
     """By factor and view: accuracy, calibration, accuracy by action; and the fused accuracy after each fraction."""
     result = at[max(at)]
     names = [*result.views, FUSED]
     return {
         "views": list(result.views),
-        "rule": rule,
+        "rule": DEFAULT_RULE,
         "actions": sorted(set(result.actions)),
         "trials": len(result.actions),
         "factors": {f: {name: _figures(result, name, f) for name in names} for f in FACTORS},

@@ -55,9 +55,6 @@ class EvaluateOptions:
     parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")] = None
     turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0"
     fault: Annotated[Texts, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")] = None
-    facings: Annotated[
-        int, typer.Option(min=0, max=72, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
-    ] = 0
     uncalibrated: Annotated[
         bool, typer.Option("--uncalibrated", help="Observers do not scale their certainty by how often they are right.")
     ] = False
@@ -74,9 +71,6 @@ class EvaluateOptions:
     body_parts: BodyParts = ""
     onset: Annotated[str, typer.Option(help="known: as cut out. unknown: with rest around, any tempo.")] = "known"
     stream: Annotated[bool, typer.Option("--stream", help="Also judge continuous streams.")] = False
-    learning_curve: Annotated[
-        bool, typer.Option("--learning-curve", help="Also learn from fewer people and fewer recordings.")
-    ] = False
     background: Annotated[
         str, typer.Option(help="Archives (.npz) to learn `something else` from, separated by commas.")
     ] = ""

@@ -112,15 +112,10 @@ class ExperimentResult:
 def run_experiments(
     archive: MotionArchive,
     sets: Mapping[str, Sequence[str]],
-    train_subjects: Sequence[str],
-    test_subjects: Sequence[str],
     progress: Progress,
 ) -> dict[str, list[ExperimentResult]]:
-    """All three experiments on each set of movements."""
-    return {
-        name: [_run(archive, name, labels, e, train_subjects, test_subjects, progress) for e in EXPERIMENTS]
-        for name, labels in sets.items()
-    }
+    """All three experiments on each set of movements; every other person is learned from, the others are judged."""
+    return {name: [_run(archive, name, labels, e, progress) for e in EXPERIMENTS] for name, labels in sets.items()}
 
 
 def _run(
@@ -128,15 +123,11 @@ def _run(
     name: str,
     labels: Sequence[str],
     experiment: Experiment,
-    train_subjects: Sequence[str],
-    test_subjects: Sequence[str],
     progress: Progress,
 ) -> ExperimentResult:
     settings = EvaluationSettings(
         views=tuple(parse_view(view) for view in experiment.views),
         labels=tuple(labels),
-        train_subjects=tuple(train_subjects),
-        test_subjects=tuple(test_subjects),
         model=PAPER_MODEL,
         rule=PAPER_RULE,
         turn=experiment.turn,

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from common.errors import LabanmeshError
 from common.probability import entropy_bits
-from common.text import plural
 from observer.tracks import Floats
 from studies.evaluate import EvaluationResult, TrialResult
 from studies.fusion_engine import facing_deg
@@ -201,22 +200,6 @@ def _resolved_trials(trials: Sequence[TrialResult], views: int) -> list[TrialRes
             best = max(resolved, key=lambda r: float(r.fused[-1, r.truth]))
             chosen[id(best)] = best
     return list(chosen.values()) or [r for r in trials if r.judged_by.all()][:1]
-
-
-def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
-    """The figure of `--learning-curve`."""
-    people = plural(curve["n_people"], "person", "people")
-    titles = {"people": "people learned from", "recordings": f"recordings of each of {people}"}
-    panels = {
-        title: (
-            [point["n"] for point in curve[kind]],
-            {name: [p["per_view"][name] for p in curve[kind]] for name in curve[kind][0]["per_view"]}
-            | {"fused": [p["accuracy"] for p in curve[kind]]},
-            [(p["least"], p["most"]) for p in curve[kind]],
-        )
-        for kind, title in titles.items()
-    }
-    return _draw("learning_figure", panels, path)
 
 
 def draw_streams(result: StreamResult, folder: Path) -> list[Path]:

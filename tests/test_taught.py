@@ -5,14 +5,10 @@ import pytest
 
 from benchmarks.command_line import run_command
 from benchmarks.taught.__main__ import taught
-from benchmarks.taught.begins import and_back, seconds_until_still, watched
 from benchmarks.taught.few_takes import MOVEMENTS, RecordedRoom, draws, few, judge_draw, streams_of
 from benchmarks.taught.judging import TaughtModels
-from benchmarks.taught.sensors import paired
-from hub.teaching.beginning import STANDS_S
 from observer.geometry.views import parse_view
-from observer.motion.archive import Recording, labels_of
-from observer.tracks import BODY_PARTS
+from observer.motion.archive import labels_of
 from studies.performer import perform
 
 LABELS = ("ok", "shake", "lunging", "byebye")
@@ -43,23 +39,6 @@ def test_both_cameras_see_the_same_performance_and_at_most_five_takes_are_learne
     assert labels_of(here.seen({"sofa": takes})["sofa"]) == LABELS
 
 
-def test_a_sign_is_given_once_somebody_stands_still_for_long_enough():
-    moving, still = np.linspace(0, 300, 45), np.full(45, 300.0)
-    hand = np.concatenate([moving, still])
-    rest = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
-    centres = np.array([rest + np.array([[0, 0], [0, -v], [0, 0]]) for v in hand])
-    observer = watched(centres, 15.0, BODY_PARTS)
-    assert seconds_until_still([observer], 0.5) == pytest.approx(2.5 + STANDS_S, abs=0.7)
-    assert seconds_until_still([observer], 5.2) == float("inf")
-    twice = and_back(Recording(np.repeat(rest[None], 10, 0).astype(np.float32), 10.0, "clap", "1", "1"))
-    assert len(twice.positions) == 10 + 10 + 5 + 10
-
-
-def test_differences_between_two_ways_are_paired_over_the_performances():
-    change = np.array([[1.0, -1, 0, 0], [1, 0, 0, 0]])
-    assert paired(change).startswith("+0.125 (") and paired(change).endswith("2 better, 1 worse of 8")
-
-
 @pytest.mark.parametrize(
     ("place", "line"),
     [(None, "LABANMESH_DATA is not set: name the folder"), ("/nowhere", "LABANMESH_DATA = '/nowhere': no such folder")],
@@ -69,6 +48,6 @@ def test_recordings_that_are_not_there_are_one_line(monkeypatch, capsys, place, 
         monkeypatch.delenv("LABANMESH_DATA", raising=False)
     else:
         monkeypatch.setenv("LABANMESH_DATA", place)
-    assert run_command(taught, "taught", ["clips"]) == 2
+    assert run_command(taught, "taught", ["life"]) == 2
     err = capsys.readouterr().err
     assert err.startswith(f"taught: {line}") and err.count("\n") == 1

@@ -4,13 +4,12 @@ import sys
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from benchmarks.command_line import recordings_folder, run_command
-from benchmarks.taught import begins, clips, corrections, few_takes, life, sensors
+from benchmarks.taught import corrections, few_takes, life
 from benchmarks.taught.households import ROOMS, Draws
 from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
@@ -20,18 +19,14 @@ from observer.model.registry import DEFAULT_MODEL
 
 
 class Row(StrEnum):
-    """What is measured. few-takes: five takes by one person. clips: another person's films. sensors: three cameras.
+    """What is measured. few-takes: five takes by one person. corrections: wrong verdicts that become examples.
 
-    corrections: wrong verdicts that become examples. life: false verdicts in ordinary life. begins: signs to begin that
-    nobody meant, or that were missed.
+    life: false verdicts in ordinary life.
     """
 
     FEW_TAKES = "few-takes"
-    CLIPS = "clips"
-    SENSORS = "sensors"
     CORRECTIONS = "corrections"
     LIFE = "life"
-    BEGINS = "begins"
 
 
 class People(StrEnum):
@@ -56,13 +51,6 @@ class TaughtOptions:
         int, typer.Option(min=1, help="few-takes, corrections, life: how many people with their movements.")
     ] = 10
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0
-    seeds: Annotated[int, typer.Option(min=1, help="sensors: seeds of the models' random parts.")] = 1
-    tracks: Annotated[
-        Path,
-        typer.Option(
-            help="clips, begins: the folder of tracks; those missing are written there, which needs mediapipe."
-        ),
-    ] = Path("build/clips")
     jobs: Annotated[int, typer.Option(min=0, help="Processes to share the work; 0: one per core.")] = 0
 
 
@@ -76,20 +64,6 @@ def taught(options: TaughtOptions) -> None:
     """
     data = recordings_folder()
     parameters = named_numbers("--parameter", options.parameter or [])
-    if options.row is Row.CLIPS:
-        options.tracks.mkdir(parents=True, exist_ok=True)
-        for line in clips.rows(data, options.tracks, TaughtModels(options.model, parameters)):
-            print(line, flush=True)
-        return
-    if options.row is Row.BEGINS:
-        options.tracks.mkdir(parents=True, exist_ok=True)
-        for line in begins.rows(data, options.tracks):
-            print(line, flush=True)
-        return
-    if options.row is Row.SENSORS:
-        with ProgressBar() as bar:
-            print("\n".join(sensors.rows(data, options.model, options.seeds, options.jobs, bar)))
-        return
     if options.row is Row.CORRECTIONS:
         with ProgressBar() as bar:
             models = TaughtModels(options.model, parameters)

@@ -3,8 +3,6 @@
 from studies.figures.accuracy import (
     confusion_figure,
     earliness_figure,
-    learning_figure,
-    poles_figure,
     reliability_figure,
 )
 from studies.figures.over_time import belief_figure
@@ -17,8 +15,6 @@ __all__ = [
     "belief_figure",
     "confusion_figure",
     "earliness_figure",
-    "learning_figure",
-    "poles_figure",
     "reliability_figure",
     "stream_timeline_figure",
 ]

@@ -1,4 +1,4 @@
-"""Figures of accuracy: confusion, earliness, learning curves, Effort poles, reliability; and the style of all figures.
+"""Figures of accuracy: confusion, earliness, reliability; and the style of all figures.
 
 Colour-blind readers and grey printers can tell the colours apart. Figures use matplotlib's objects and no global state,
 so that threads and tests do not interfere.
@@ -121,52 +121,6 @@ def _draw_accuracies(axes: Axes, at: Sequence[float], series: Mapping[str, Seque
     axes.set_axisbelow(True)
     plain(axes)
     axes.spines["bottom"].set_bounds(at[0], at[-1])
-
-
-Panel = tuple[Sequence[int], Mapping[str, Sequence[float]], Sequence[tuple[float, float]]]
-
-
-def learning_figure(panels: Mapping[str, Panel], path: Path) -> Path:
-    """One panel per title: numbers learned from, accuracies (0 to 1) of each series, least and most of the last one.
-
-    The last series is drawn thick and shaded from least to most: put fusion last. Returns `path`.
-    """
-    figure = Figure(figsize=(4.2 * len(panels), 3.4), layout="constrained")
-    drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    for axes, (title, (numbers, series, ranges)) in zip(drawn, panels.items(), strict=True):
-        _draw_accuracies(axes, numbers, series)
-        colour = COLOURS[(len(series) - 1) % len(COLOURS)]
-        axes.fill_between(numbers, *zip(*ranges, strict=True), color=colour, alpha=0.15, linewidth=0)
-        axes.set_xlabel(title)
-    drawn[0].set_ylabel("accuracy at the end")
-    return save(figure, path)
-
-
-CHANCE = 0.5
-HATCHES = ("", "//", "..", "xx", "\\\\", "++")
-"""Bars differ in hatching as well as in colour."""
-
-
-def poles_figure(factors: Sequence[str], rates: Mapping[str, Sequence[float]], path: Path) -> Path:
-    """Bars: the accuracy for each factor, one bar per series (a view, or fused). Returns `path`.
-
-    rates: for each series one rate per factor, 0 to 1. The dotted line is chance, with two poles.
-    """
-    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
-    axes = figure.subplots()
-    width = 0.8 / len(rates)
-    for place, (name, values) in enumerate(rates.items()):
-        at = np.arange(len(factors)) + (place - (len(rates) - 1) / 2) * width
-        colour, hatch = COLOURS[place % len(COLOURS)], HATCHES[place % len(HATCHES)]
-        bars = axes.bar(at, values, width * 0.92, label=name, color=colour, hatch=hatch, edgecolor="white")
-        axes.bar_label(bars, [f"{value:.2f}" for value in values], fontsize=7, padding=1)
-    axes.axhline(CHANCE, color=GREY, linestyle=":", linewidth=1.4)
-    axes.set_xticks(range(len(factors)), factors, fontsize=9)
-    axes.set_ylim(0, 1.08)
-    axes.set_ylabel("accuracy", fontsize=9)
-    figure.legend(frameon=False, fontsize=9, loc="outside upper left", ncols=len(rates))
-    plain(axes)
-    return save(figure, path)
 
 
 FEWEST = 5

@@ -61,7 +61,7 @@ IMPURE = {
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "observer.runtime.preflight observer.runtime.start_barrier "
         "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
-        "studies.output_files studies.report studies.run_evaluation"
+        "studies.output_files studies.report"
     ),
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.health_server common.interrupt "
@@ -80,7 +80,7 @@ IMPURE = {
     ),
     "the clock": (
         "fusion.metrics hub.teaching.page_interface observer.motion.playback observer.rendering.virtual_camera "
-        "studies.evaluate studies.learning_curve studies.observing studies.stream"
+        "studies.evaluate studies.observing studies.stream"
     ),
     "OpenCV or matplotlib, cameras": (
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "

@@ -47,7 +47,7 @@ def judged(archive):
 
 
 def test_each_view_and_the_fusion_recognise_the_poles(judged):
-    figures = as_json({1.0: judged}, "guarded_product")
+    figures = as_json({1.0: judged})
     for factor in ("weight", "time"):
         assert {name: by["accuracy"] for name, by in figures["factors"][factor].items()} == {
             name: pytest.approx(1, abs=0.1) for name in ("door", "wheel", FUSED)
@@ -77,14 +77,14 @@ def test_the_command_prints_the_table_and_writes_its_files(archive, tmp_path, ca
     assert "weight: light, strong" in printed and "fused, after this share" in printed
     written = json.loads((tmp_path / "e.json").read_text())
     assert list(written["fused_at"]["time"]) == ["0.2", "0.4", "0.6", "0.8", "1"]
-    assert {p.name for p in (tmp_path / "out").iterdir()} == {"effort.txt", "poles.png", "reliability.png"}
-    assert (tmp_path / "out" / "poles.png").read_bytes().startswith(b"\x89PNG")
+    assert {p.name for p in (tmp_path / "out").iterdir()} == {"effort.txt", "reliability.png"}
+    assert (tmp_path / "out" / "reliability.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.slow
 def test_effort_is_recognised_in_an_unlearned_action(data):
     recorded = select(import_recordings("bvh", data / "effort_bvh").archive, (), RATE)
-    figures = as_json(judge_poles(recorded, VIEWS), "guarded_product")
+    figures = as_json(judge_poles(recorded, VIEWS))
     print(as_text(figures))
     fused = {factor: by[FUSED] for factor, by in figures["factors"].items()}
     assert all(by["n"] == 72 for by in fused.values())
