@@ -12,7 +12,7 @@ from benchmarks.mesh import first_judged
 from benchmarks.observer import NOW_NS, sent_bytes
 from benchmarks.observer_steps import FLOORS, camshift_row, halves, learned, measure, memory, pictures, recorded
 from benchmarks.posteriors import NAMES, message, random_posteriors, scene_of
-from benchmarks.timing import compare, row
+from benchmarks.timing import row
 from common.inbox import Arrival
 from common.messages import PosteriorMessage
 from common.wire import decode, encode
@@ -53,14 +53,6 @@ def test_a_part_that_fails_or_has_no_time_left_is_left_out_in_one_line_and_the_o
     text = " ".join(table(results).split())
     assert "first 2.000 ms at most 3.000 ms reached" in text and "at least 1.80 times missed" in text
     assert "left out: fails: no such device" in text and text.count("no time was left") == 2
-
-
-def test_ours_and_floor_take_turns_and_both_are_measured():
-    calls = []
-    measured = compare("turns", lambda: calls.append("ours"), lambda: calls.append("floor"), rounds=4, batch_s=0.0)
-    assert measured.n == 4
-    assert calls[-8:] == ["ours", "floor", "floor", "ours", "ours", "floor", "floor", "ours"]
-    assert measured.ratio == measured.ours / measured.floor > 0
 
 
 def test_the_fusion_step_takes_every_posterior_and_each_rule_has_its_row():

@@ -18,16 +18,11 @@ from benchmarks.comparisons.classifiers.comparison import (
     PeerComparison,
     PeerOptions,
     compare_peers,
-    our_curves,
     seen_by_all,
     seen_by_some,
 )
 from benchmarks.comparisons.classifiers.panels import (
-    bridge_gaps,
-    channels,
     make_panel,
-    relative,
-    resample_rows,
     view_centres,
 )
 from benchmarks.comparisons.classifiers.tables import accuracy_interval, as_json, as_markdown, peer_rows
@@ -78,24 +73,6 @@ def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(a
     assert shown(archive, 1.0, derived=False) == pytest.approx(shown(archive, 1.0)[:, :12])
 
 
-@pytest.mark.parametrize(
-    ("parts", "anchor", "others"),
-    [
-        (("left_hand", "neck", "left_foot"), [1], 2),
-        (("left_shoulder", "right_shoulder", "left_hand", "right_hand"), [0, 1], 4),
-        (("left_foot", "nose"), [0, 1], 2),
-    ],
-    ids=["neck", "shoulders", "no trunk"],
-)
-def test_a_panel_without_a_head_is_relative_to_the_next_point_of_the_trunk(parts, anchor, others):
-    centres = np.random.default_rng(6).normal(size=(1, 9, len(parts), 2))
-    panel = channels(centres, 9, True, parts)
-    assert panel.shape == (2 * len(parts) + 2 * others + 2 * len(parts), 9) and np.isfinite(panel).all()
-    positions = panel[: 2 * len(parts)].reshape(len(parts), 2, 9)
-    assert positions[anchor, :, 0].mean(axis=0) == pytest.approx(np.zeros(2))
-    assert channels(centres * 7 + (300, 200), 9, True, parts) == pytest.approx(panel)
-
-
 @pytest.mark.parametrize("fraction", FRACTIONS[:-1])
 def test_nothing_after_the_fraction_is_shown(archive, fraction):
     """Whatever happens later, size, origin and bridge_gaps gaps included, leaves the panel as it was."""
@@ -107,36 +84,6 @@ def test_nothing_after_the_fraction_is_shown(archive, fraction):
     other = dataclasses.replace(archive, recordings=tuple(changed))
     assert (shown(other, fraction) == shown(archive, fraction)).all()
     assert not (shown(other, 1.0) == shown(archive, 1.0)).all()
-
-
-def test_positions_count_from_the_first_head_with_up_positive():
-    centres = np.zeros((2, 3, 2))
-    centres[:, HEAD] = (10, 20)
-    centres[:, :HEAD] = (10, 120)  # 100 below the head, and v goes down
-    centres[1, 0] = (60, 20)
-    placed = relative(centres)
-    assert placed[:, HEAD] == pytest.approx(np.zeros((2, 2)))
-    assert placed[0, 0] == pytest.approx((0, -1 / 0.45)) and placed[1, 0] == pytest.approx((0.5 / 0.45, 0))
-
-
-def test_gaps_are_bridged_and_missing_parts_are_zero():
-    nan = np.nan
-    rows = np.array([[nan, 1, nan, 3, nan], [nan] * 5])
-    assert bridge_gaps(rows) == pytest.approx(np.array([[1, 1, 2, 3, 3], [0] * 5]))
-    unseen = np.full((1, 4, 3, 2), nan)
-    assert (channels(unseen, 6, True) == 0).all()
-
-
-def test_stretching_keeps_first_and_last_and_velocities_stay_those_that_were_filmed():
-    rows = np.array([[0.0, 1, 2, 3, 4]])
-    assert resample_rows(rows, 9) == pytest.approx(np.linspace(0, 4, 9)[None])
-    assert resample_rows(rows[:, :1], 3) == pytest.approx(np.zeros((1, 3)))
-    steady = np.zeros((1, 21, 3, 2))
-    steady[0, :, 0, 0] = np.arange(21) / 10
-    steady[0, :, 1, 1] = 10 / 0.45  # keeps the size: 10, far more than the other hand is away
-    for length in (12, 21, 60):
-        moved = channels(steady, length, derived=True)[10]
-        assert moved == pytest.approx(np.full(length, 0.1 / 10))
 
 
 def recording_peer(calls):
@@ -170,16 +117,6 @@ def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
     assert [c.name for c in comparison.curves] == ["ours, fused"] and comparison.people == ("1",) * 4 + ("2",) * 4
 
 
-def test_a_peer_for_each_observer_sees_one_view_of_the_wanted_parts(archive):
-    parts = ("left_hand", "right_hand", "head")
-    calls, asked = [], {"views": DOOR_WHEEL, "labels": LABELS, "train_subjects": ("1",), "body_parts": parts}
-    settings = EvaluationSettings(**asked, **PHASE)
-    comparison = compare_peers(archive, "both", settings, PeerOptions(), peers={}, alone=recording_peer(calls))
-    assert len(calls) == 2 * len(FRACTIONS) and {g[5] for g in calls} == {6 + 4 + 6}
-    assert len({g[4] for g in calls}) == 2 * len(FRACTIONS), "door and wheel differ"
-    assert [c.name for c in comparison.curves][-1] == PRODUCT and comparison.curves[-1].right.mean() == 0.5
-
-
 def certain_peer():
     """Knows "ok" by its first hand's height, and says so with a certainty that grows with its distance from 0."""
 
@@ -210,15 +147,6 @@ def test_sensors_judge_by_product_and_a_missing_one_is_left_out(archive):
     assert len(as_markdown(peer_rows([every, some]), FRACTIONS).splitlines()) == 2 + 7 + 5
 
 
-def test_our_curves_are_the_accuracies_of_evaluate(archive):
-    from studies.report import as_json
-
-    result = evaluate(archive, EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",), **PHASE))
-    figures, curves = as_json(result), our_curves(result)
-    assert curves[0].right.mean(axis=1) == pytest.approx(list(figures["accuracy_at"].values()))
-    assert curves[2].right.mean(axis=1) == pytest.approx(list(figures["per_view"]["wheel"]["accuracy_at"].values()))
-
-
 def test_the_interval_of_many_people_is_that_of_independent_trials():
     right = np.random.default_rng(4).random((1, 1000)) < 0.8
     score = accuracy_interval([right.astype(float)], [[str(n) for n in range(1000)]])
@@ -240,12 +168,6 @@ def test_a_difference_on_the_same_trials_is_surer_than_each_of_the_two():
     apart, alone = accuracy_interval([one - other], [people]), accuracy_interval([one], [people])
     assert apart.high[0] - apart.low[0] < 0.5 * (alone.high[0] - alone.low[0])
     assert accuracy_interval([one - one], [people]).high[0] == 0
-
-
-def test_several_sets_are_averaged_even_when_a_person_is_in_one_only():
-    assert accuracy_interval([np.array([[0.0, 1], [1, 1]])], [("a", "b")]).mean == pytest.approx((0.5, 1.0, 0.75))
-    score = accuracy_interval([np.ones((1, 2)), np.zeros((1, 1))], [("a", "b"), ("b",)])
-    assert score.mean[0] == 0.5 and score.low[0] == score.high[0] == 0.5
 
 
 def comparisons():
@@ -276,10 +198,8 @@ def test_the_table_has_every_classifier_and_the_differences():
         ({"page": "absent.md"}, "cannot read"),
         ({"page": "plain.md"}, "needs the lines"),
         ({"page": "plain.md", "fast": True}, "omit one of the two"),
-        ({"page": "plain.md", "table": ["msr"]}, "omit one of the two"),
         ({"page": "plain.md", "peers_only": True}, "not all that a page shows; omit one of the two"),
         ({"table": ["karat"]}, "--table karat: known are msr, sensors, florence, karate, "),
-        ({"stream": True}, "no archive is named"),
     ],
 )
 def test_bad_options_are_rejected_before_the_work(tmp_path, arguments, error):
@@ -287,16 +207,6 @@ def test_bad_options_are_rejected_before_the_work(tmp_path, arguments, error):
     with pytest.raises(BadInput, match=error):
         page = tmp_path / arguments["page"] if "page" in arguments else None
         commands.peers(**{**arguments, "page": page})
-
-
-@pytest.mark.parametrize("place", [None, "nowhere"])
-def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, place):
-    monkeypatch.delenv("LABANMESH_DATA", raising=False)
-    if place:
-        monkeypatch.setenv("LABANMESH_DATA", str(tmp_path / place))
-    with pytest.raises(BadInput, match=r"LABANMESH_DATA.*benchmarks.comparisons.classifiers ARCHIVE.npz$") as error:
-        commands.peers()
-    assert "\n" not in str(error.value)
 
 
 @with_aeon
@@ -353,11 +263,3 @@ def test_our_minirocket_has_the_features_of_aeons(channels, length, features):
     assert differ.mean() < 1e-3 and differ[20:].mean() < 1e-4
     dilations, counts = choose_dilations(length, features)
     assert (dilations == aeon.parameters[2]).all() and (counts == aeon.parameters[3]).all()
-
-
-def test_without_aeon_one_line_says_how_to_get_it(archive, tmp_path, capsys):
-    if importlib.util.find_spec("aeon"):
-        pytest.skip("aeon is installed here")
-    write_archive(tmp_path / "two.npz", archive)
-    assert run_command(commands.peers, "peers", [str(tmp_path / "two.npz"), "--train-subjects", "1"]) == 1
-    assert capsys.readouterr().err == "peers: aeon is not installed; pip install 'labanmesh[peers]'\n"

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.comparisons.classifiers import spotter
 from benchmarks.comparisons.classifiers.comparison import PeerOptions
-from benchmarks.comparisons.classifiers.spotter import answers_of, spot_streams, verdicts_of
+from benchmarks.comparisons.classifiers.spotter import spot_streams, verdicts_of
 from benchmarks.comparisons.classifiers.spotter_windows import (
     ELSEWHERE,
     JITTERED,
@@ -19,9 +19,8 @@ from benchmarks.comparisons.classifiers.spotter_windows import (
     window_lengths,
 )
 from benchmarks.comparisons.classifiers.window_classifier import StreamProbabilities
-from common.errors import BadInput
 from observer.geometry.views import parse_view
-from observer.motion.archive import MotionArchive, Recording, Span
+from observer.motion.archive import MotionArchive
 from studies.evaluate import EvaluationSettings
 from studies.performer import perform
 from studies.trials import strung
@@ -59,22 +58,6 @@ def test_training_windows_are_spans_their_first_parts_and_something_else(archive
     assert all(is_elsewhere(w.begin, w.end, span) for w in other for span in stream.spans)
 
 
-@pytest.mark.parametrize(
-    ("begin", "end", "elsewhere"),
-    [(0, 100, True), (60, 110, True), (90, 150, False), (120, 130, False), (0, 400, False)],
-)
-def test_a_window_that_shows_much_of_a_span_is_not_something_else(begin, end, elsewhere):
-    assert is_elsewhere(begin, end, Span(100, 200, "ok")) == elsewhere
-
-
-def test_window_lengths_follow_from_the_spans():
-    spans = tuple(Span(100 * n, 100 * n + 30 + n, "ok") for n in range(11))
-    stream = Recording(np.zeros((1200, 3, 3), np.float32), 10.0, "", "1", "1", spans)
-    lengths = window_lengths([stream])
-    assert len(lengths) == LENGTHS and lengths[[0, -1]] == pytest.approx([0.5 * 3.1, 1.4 * 3.9])
-    assert np.diff(np.log(lengths)) == pytest.approx(np.full(LENGTHS - 1, np.diff(np.log(lengths))[0]))
-
-
 def probabilities(*rows):
     """One length of window, a step every 4 frames; rows: P(ok), P(shake)."""
     p = np.array([[[*row, 1 - sum(row)]] for row in rows])
@@ -91,11 +74,6 @@ def test_a_verdict_needs_two_steps_and_rearms_after_a_pause():
         assert len(verdicts_of(again, RATE, LABELS, 0.5)) == count
     both = probabilities(high, high, (0.0, 0.8), (0.0, 0.8))
     assert [v.label for v in verdicts_of(both, RATE, LABELS, 0.5)] == ["ok", "shake"]
-
-
-def test_every_frame_has_the_answer_of_the_last_step():
-    spoken = answers_of(probabilities((0.9, 0.0), (0.1, 0.2), (0.0, 0.8)), 10, LABELS[:2])
-    assert spoken == ["ok"] * 4 + [""] * 4 + ["shake"] * 2
 
 
 def test_nobody_is_judged_by_what_they_taught_and_the_threshold_is_chosen_on_others(archive, monkeypatch):
@@ -122,12 +100,6 @@ def test_nobody_is_judged_by_what_they_taught_and_the_threshold_is_chosen_on_oth
         ({"1", "2"}, {"3"}),
         ({"2"}, {"1", "3"}),
     ]
-
-
-def test_movements_that_are_cut_out_cannot_be_spotted(archive):
-    cut_out = perform(("1", "2"), LABELS, trials=1, seed=3)
-    with pytest.raises(BadInput, match="no continuous recording"):
-        spot_streams(cut_out, settings_of(), PeerOptions(), lambda *_: None)
 
 
 @with_aeon

@@ -3,24 +3,18 @@
 import importlib.util
 import json
 import os
-import signal
-import subprocess
-import sys
-import uuid
 from pathlib import Path
 
 import msgpack
 import pytest
-from processes import SOON_S, until
 
 from benchmarks.comparisons.transports import clients, commands
 from benchmarks.comparisons.transports.actors import ReceivedJudgement
 from benchmarks.comparisons.transports.clients import KINDS, AvailableKinds, available
-from benchmarks.comparisons.transports.commands import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown, over_rounds
+from benchmarks.comparisons.transports.commands import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown
 from benchmarks.comparisons.transports.stage import (
     LADDER_HZ,
     flooded,
-    in_ms,
     judgement,
     latencies,
     names,
@@ -33,7 +27,6 @@ from common.wire import decode
 ROOT = Path(__file__).parents[1]
 LONG = "LABANMESH_TRANSPORTS" in os.environ
 long_only = pytest.mark.skipif(not LONG, reason="many processes: make test-transports runs it")
-NO_MARKS = "the page has no place for the table: it needs the lines"
 page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
 
 
@@ -42,12 +35,6 @@ def test_latency_is_the_time_to_the_first_judgement_with_a_message_or_a_later_on
     received = [(90, {"cam1": 0}), (110, {"cam1": 1, "cam9": 7}), (320, {"cam1": 3, "cam2": 1}), (330, {"cam1": 2})]
     # cam1's fourth and cam2's second are in no judgement; a keep-alive, 0, and an older number are nothing new.
     assert latencies(put_ns, [ReceivedJudgement(*one) for one in received]) == [10, 120, 20, 170]
-
-
-def test_times_in_ms_and_ranges_over_rounds():
-    assert in_ms([1_000_000 * n for n in range(101)]) == (50.0, 99.0)
-    rounds = [{"a": 3.0}, {"a": 1.0, "b": 5.0}, {"a": 2.0}]
-    assert over_rounds(rounds) == {"a": FigureRange(2.0, 1.0, 3.0), "b": FigureRange(5.0, 5.0, 5.0)}
 
 
 def test_the_traffic_is_posteriors_and_a_judgement_of_the_wire():
@@ -89,22 +76,6 @@ def test_a_transport_that_lacks_something_is_left_out_and_says_how_to_get_it(mon
     )
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error"),
-    [
-        (["--only", "ours,pigeon"], "--only 'pigeon': unknown; known: ours, zenoh, mqtt, nats, zeromq"),
-        (["--page", "absent.md"], "cannot read absent.md: no such file or directory. Choose another page with --page"),
-        (["--page", "bare.md"], f"--page bare.md: {NO_MARKS} {BEGIN} and {END}"),
-    ],
-)  # fmt: skip
-def test_bad_arguments_are_rejected_before_the_work(arguments, error, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("bare.md").write_text("nothing", encoding="utf-8")
-    monkeypatch.setattr(commands, "measure", lambda *_: pytest.fail("measured all the same"))
-    assert commands.main(arguments) == 2
-    assert capsys.readouterr().err == f"transports: {error}\n"
-
-
 def test_the_table_goes_into_the_page_and_the_measured_into_the_file(tmp_path, monkeypatch, capsys):
     (tmp_path / "page.md").write_text(page, encoding="utf-8")
     monkeypatch.setattr(commands, "measure", lambda chosen, *_: {name: figures(name) for name in chosen})
@@ -115,13 +86,6 @@ def test_the_table_goes_into_the_page_and_the_measured_into_the_file(tmp_path, m
     assert "eclipse-zenoh 1." in table and "paho" not in table
     values = json.loads((tmp_path / "made" / "a.json").read_text("utf-8"))
     assert values["transports"]["ours"]["flood/taken_hz"] == {"median": 0.5, "low": 0.25, "high": 0.75}
-
-
-def test_the_transports_take_turns_and_so_does_the_first(monkeypatch):
-    done = []
-    monkeypatch.setattr(commands, "_once", lambda name, *_: done.append(name) or iter([{"a/b": 1.0}]))
-    assert set(commands.measure(["ours", "mqtt", "nats"], 2, 1, 1.0)) == {"ours", "mqtt", "nats"}
-    assert done == ["ours", "mqtt", "nats", "mqtt", "nats", "ours"]
 
 
 def require(name):
@@ -152,48 +116,3 @@ def test_as_fast_as_they_can_over_each_transport(name, monkeypatch):
     assert measured["taken_hz"] > 0
     assert measured["receiver_us"] > 0 and measured["publisher_us"] > 0
     assert ("broker_us" in measured) == bool(KINDS[name].broker)
-
-
-def alive(mark):
-    """Processes, other than this one, whose environment has `mark`."""
-    lines = []
-    for place in Path("/proc").glob("[0-9]*"):
-        try:
-            if mark.encode() in (place / "environ").read_bytes():
-                lines.append((place / "cmdline").read_bytes().replace(b"\0", b" ").decode())
-        except OSError:
-            continue
-    return lines
-
-
-@long_only
-@pytest.mark.parametrize("name", ["ours", "nats"])
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
-def test_all_processes_end_with_the_conductor(name, end, tmp_path):
-    require(name)
-    mark = f"LABANMESH_MARK={uuid.uuid4()}"
-    environment = os.environ | dict([mark.split("=")])
-    command = [
-        sys.executable,
-        "-m",
-        "benchmarks.comparisons.transports",
-        "--only",
-        name,
-        "--json",
-        str(tmp_path / "a.json"),
-    ]
-    with subprocess.Popen(
-        command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
-    ) as conductor:
-        wanted = 7 + bool(KINDS[name].broker)
-        until(lambda: len(alive(mark)) >= wanted, "conductor, tracker, fusion, listener and publishers", SOON_S)
-        if end == signal.SIGINT:
-            # As a terminal does it: to all at once.
-            os.killpg(conductor.pid, end)
-        else:
-            conductor.kill()
-        _, errors = conductor.communicate(timeout=SOON_S)
-    assert conductor.returncode == (130 if end == signal.SIGINT else -signal.SIGKILL), errors
-    until(lambda: not alive(mark), lambda: alive(mark), SOON_S)
-    # A killed conductor cannot silence the others.
-    assert end == signal.SIGKILL or "Traceback" not in errors
