@@ -17,7 +17,9 @@ VIEWS = {"door": "door", "corner": "yaw:45"}
 def test_the_ended_verdict_of_a_performance_has_a_score(tmp_path, capsys):
     shown = perform(people=("2", "3", "4"), movements=("byebye", "lunging"), trials=2)
     write_archive(tmp_path / "shown.npz", shown)
-    played = MotionArchive(shown.body_parts, (perform_continuously("1", ("byebye", "lunging", "byebye")),))
+    played = MotionArchive(
+        shown.body_parts, (perform_continuously("1", ("byebye", "lunging", "byebye"), rest_s=(0.6, 0.7)),)
+    )
     write_archive(tmp_path / "motion.npz", played)
     observers = {name: f'source = "motion.npz"\nview = "{view}"\n' for name, view in VIEWS.items()}
     for name, view in VIEWS.items():

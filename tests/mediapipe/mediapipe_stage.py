@@ -25,3 +25,9 @@ def follow(tracker, pictures, rate_hz):
 def unmirrored(file):
     """The pictures of a mirrored video, turned back."""
     return [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(file)]
+
+
+def side_by_side(*films):
+    """The pictures of films next to each other; the shorter one waits in its last picture."""
+    count = max(map(len, films))
+    return [np.concatenate([film[min(n, len(film) - 1)] for film in films], axis=1) for n in range(count)]

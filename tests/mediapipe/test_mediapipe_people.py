@@ -5,7 +5,7 @@ from itertools import cycle, islice, pairwise
 import cv2
 import numpy as np
 import pytest
-from mediapipe_stage import follow, pictures
+from mediapipe_stage import follow, pictures, side_by_side
 
 from benchmarks.clips.judging import judge
 from benchmarks.clips.learning import Learning, chosen_labels
@@ -32,14 +32,6 @@ def tracked(pictures, pose_model, rule=None, rate_hz=RATE_HZ):
     people = [each.people for each in tracks]
     heights = [np.nan if p.followed is None else p.followed.bottom - p.followed.top for p in people]
     return np.array([each.centres for each in tracks]), np.array(heights), max(p.count for p in people)
-
-
-def side_by_side(left, right):
-    """The pictures of two films next to each other; the shorter one waits in its last picture."""
-    count = max(len(left), len(right))
-    return [
-        np.concatenate([film[min(n, len(film) - 1)] for film in (left, right)], axis=1) for n in range(count)
-    ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from mediapipe_stage import follow
+from mediapipe_stage import follow, side_by_side
 
 from benchmarks.clips.judging import judge
 from benchmarks.clips.learning import Learning, chosen_labels
@@ -19,12 +19,6 @@ pytest.importorskip("mediapipe")
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 RATE_HZ = 10.0
 HANDS = [WHOLE_BODY.index(part) for part in BODY_PARTS]
-
-
-def side_by_side(films):
-    """The pictures of films next to each other; the shorter one waits in its last picture."""
-    count = max(map(len, films))
-    return [np.concatenate([film[min(n, len(film) - 1)] for film in films], axis=1) for n in range(count)]
 
 
 def pairs_of(data):
@@ -57,7 +51,7 @@ def test_two_people_side_by_side_are_both_followed_and_named_as_alone(data, pose
     for pair in pairs_of(data):
         films = [list(pictures_of(clip)) for clip in pair]
         tracker = SeveralPoses(lambda: open_people(pose_model), "mediapipe", 2)
-        tracks = follow(tracker, side_by_side(films), RATE_HZ)
+        tracks = follow(tracker, side_by_side(*films), RATE_HZ)
         tracker.close()
         words = []
         for side, (clip, film) in enumerate(zip(pair, films, strict=True)):

@@ -40,12 +40,7 @@ def quick(**changes):
 
 @pytest.fixture(scope="module")
 def result(archive):
-    return evaluate(archive, settings(parameters={"kernels": 336.0}))
-
-
-@pytest.fixture(scope="module")
-def sound_trials(archive):
-    return evaluate(archive, quick()).trials
+    return evaluate(archive, quick())
 
 
 def test_the_json_holds_what_the_contract_names(result):
@@ -59,13 +54,13 @@ def test_the_json_holds_what_the_contract_names(result):
     assert {"seconds_per_frame", "train_seconds"} <= figures.keys()
 
 
-def test_nothing_after_the_fraction_is_used(archive, sound_trials):
+def test_nothing_after_the_fraction_is_used(archive, result):
     """Cutting the test recordings after 60 % leaves every posterior before the last, which is of the end, as it was."""
 
     def cut(recording):
         return dataclasses.replace(recording, positions=recording.positions[: int(len(recording.positions) * 0.6)])
 
-    whole = {r.trial.name: r for r in sound_trials}
+    whole = {r.trial.name: r for r in result.trials}
     short = MotionArchive(archive.body_parts, tuple(cut(r) if r.subject == "3" else r for r in archive.recordings))
     for one in evaluate(short, quick()).trials:
         frames = len(one.fused) - 1
@@ -84,9 +79,9 @@ def test_leave_one_subject_out_judges_every_recording_once(archive):
 
 
 @pytest.mark.parametrize("fault", ["wrong", "noise", "silent", "late"])
-def test_a_faulty_view_changes_only_its_own_posteriors(archive, sound_trials, fault):
+def test_a_faulty_view_changes_only_its_own_posteriors(archive, result, fault):
     disturbed = evaluate(archive, quick(faults={"wheel": fault}))
-    for sound, faulty in zip(sound_trials, disturbed.trials, strict=True):
+    for sound, faulty in zip(result.trials, disturbed.trials, strict=True):
         assert (sound.views[:, 0] == faulty.views[:, 0]).all()
         assert not (sound.views[:, 1] == faulty.views[:, 1]).all()
 
@@ -162,7 +157,7 @@ def test_scoring_verdicts_by_hand():
 
 def test_all_three_are_printed_beside_the_papers(tmp_path, capsys):
     archive = tmp_path / "synthetic.npz"
-    write_archive(archive, perform(trials=1, seed=1))
+    write_archive(archive, perform(("1", "2"), LABELS, trials=1, seed=1))
     paper(archive, report=tmp_path / "out")
     text = capsys.readouterr().out
     for title in ("Table I:", "Table II:", "Table III:", "32(of 95)", "all, confusions of one view"):

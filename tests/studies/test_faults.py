@@ -65,16 +65,6 @@ def test_wrong_is_the_output_of_another_trial():
         assert [could_be(other) for k, other in enumerate(before) if k != n].count(True) == 1
 
 
-def test_wrong_draws_from_all_other_trials_and_a_single_trial_stays_itself():
-    many = outputs(lengths=(1,) * 30)
-    after = disturb(many, VIEWS, {"door": "wrong"}, RATE, 0)
-    table = np.array([[then.p[0, 0, 0] == other.p[0, 0, 0] for other in many] for then in after])
-    assert (table.sum(axis=1) == 1).all() and not table.diagonal().any()
-    assert len({(int(row.argmax()) - n) % 30 for n, row in enumerate(table)}) > 5
-    (only,) = outputs(lengths=(6,))
-    np.testing.assert_array_equal(disturb([only], VIEWS, {"door": "wrong"}, RATE, 0)[0].p, only.p)
-
-
 def test_silent_is_the_prior_and_late_is_one_second_late():
     before = outputs()
     for then in disturb(before, VIEWS, {"door": "silent"}, RATE, 0):
@@ -86,17 +76,6 @@ def test_silent_is_the_prior_and_late_is_one_second_late():
         assert np.isnan(then.unlearned[:delay, 2]).all()
         for was, now in zip(parts_of(own), parts_of(then), strict=True):
             np.testing.assert_array_equal(now[delay:, 2], was[: max(len(was) - delay, 0), 2])
-
-
-def test_noise_is_new_in_every_frame_and_independent_of_the_person():
-    one, other = (disturb(outputs(seed), VIEWS, {"door": "noise"}, RATE, 7) for seed in (0, 1))
-    for a, b in zip(one, other, strict=True):
-        np.testing.assert_array_equal(a.p[:, 0], b.p[:, 0])
-        np.testing.assert_array_equal(a.facing[:, 0], b.facing[:, 0])
-        assert len(np.unique(a.p[:, 0], axis=0)) == len(a.p)
-    p = np.concatenate([a.p[:, 0] for a in one])
-    entropies = -(p * np.log2(np.maximum(p, 1e-300))).sum(axis=1)
-    assert entropies.min() < 0.5 < entropies.max()
 
 
 def test_faults_are_parsed_view_by_view():

@@ -22,7 +22,7 @@ from studies.evaluate import EvaluationSettings, evaluate
 from studies.evaluated_archives import BackgroundArchives, read_archives
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
-from studies.sensors import frames_at_fractions, performances, read_sensors, same_streams
+from studies.sensors import frames_at_fractions, performances, read_sensors
 from studies.stream import judge_streams
 
 LABELS = ("ok", "shake", "lunging")
@@ -112,16 +112,6 @@ def test_each_sensor_sees_its_own_recording_and_is_compared_at_equal_fractions(a
         frames = len(result.trial.recording.positions)
         mine = own[result.trial.name]
         np.testing.assert_array_equal(result.views[:, 1], mine[frames_at_fractions(len(mine), frames)])
-
-
-def test_for_streams_recordings_are_stretched_to_one_length(archive):
-    recordings = archive.recordings[:3]
-    faster = with_recordings(archive, [retime(recordings[0], 1.3), recordings[1]])
-    one, two, three = same_streams(faster, recordings)
-    assert len(one.positions) == len(recordings[0].positions)
-    assert np.nanmax(np.abs(one.positions - recordings[0].positions)) < 0.15
-    np.testing.assert_array_equal(two.positions, recordings[1].positions)
-    assert np.isnan(three.positions).all() and three.label == recordings[2].label
 
 
 @pytest.mark.parametrize(
