@@ -64,7 +64,7 @@ class ProcessHealth:
         self._obstacle = ""
 
     def record_step(self, now_s: float) -> None:
-        """The loop has taken a step: a frame, a judgement, a look into the inbox."""
+        """Note that the loop has taken a step: a frame, a judgement, a look into the inbox."""
         self._stepped_s = now_s
 
     def set_obstacle(self, reason: str) -> None:

@@ -115,7 +115,7 @@ class Presence:
         self.appearances = 0
 
     def note(self, key: str, *, alive: bool) -> None:
-        """The token under `key` has appeared or gone; called by the mesh's threads."""
+        """Note that the token under `key` has appeared or gone; called by the mesh's threads."""
         with self._changed:
             if alive and key not in self._expected and len(self._alive - self._expected) >= STRANGERS_LIMIT:
                 return

@@ -22,7 +22,7 @@ END_S = 0.7
 
 
 def end_at_once(number: int, frame: FrameType | None) -> None:
-    """The handler while there is nothing to clean up."""
+    """End the process at once: the handler while there is nothing to clean up."""
     os._exit(STATUS)
 
 

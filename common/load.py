@@ -33,7 +33,7 @@ class LoadMeter:
         self.complaint = ""
 
     def record(self, at_ns: int, missed: int, used: int = 1) -> None:
-        """At `at_ns` so many were used; `missed`: those before them that would have been used, too."""
+        """Note how many were used at `at_ns`; `missed`: those before them that would have been used, too."""
         if self._begun_ns is None or at_ns < self._begun_ns:
             self._begun_ns = at_ns
             return

@@ -48,12 +48,12 @@ class Notifier:
         return cls(variables.get(SOCKET, ""), Path(heartbeat) if heartbeat else None)
 
     def ready(self, text: str = "") -> None:
-        """The process does its work from now on, and dependent services may start. text: as for `status`."""
+        """Report that the process does its work from now on: dependent services may start. text: as for `status`."""
         self._send("READY=1" + (f"\nSTATUS={_line(text)}" if text else ""), SEND_TIMEOUT_S)
         self._touch()
 
     def status(self, text: str) -> None:
-        """One line for people, shown by `systemctl status`; sent if it has changed."""
+        """Report one line for people, shown by `systemctl status`, if it has changed."""
         if text != self._text:
             self._text = text
             self._send(f"STATUS={_line(text)}", SEND_TIMEOUT_S)
@@ -67,7 +67,7 @@ class Notifier:
             self._touch()
 
     def stopping(self) -> None:
-        """The process ends as intended; silence from now on is not a fault."""
+        """Report that the process ends as intended: silence from now on is not a fault."""
         self._send("STOPPING=1", SEND_TIMEOUT_S)
         if self._heartbeat is not None:
             with contextlib.suppress(OSError):

@@ -83,7 +83,7 @@ def terminal_width(stream: TextIO) -> int:
 
 
 def wrap_on_terminals() -> None:
-    """From now on lines to stdout and stderr are broken between words, where these are terminals."""
+    """Break lines to stdout and stderr between words from now on, where these are terminals."""
     if sys.stdout.isatty():
         sys.stdout = cast(TextIO, WordWrap(sys.stdout))
     if sys.stderr.isatty():
