@@ -32,7 +32,7 @@ class CameraFault(Exception):  # noqa: N818 - names what happened; never shown a
 
 
 def ignore_report(state: ProcessState, reason: str) -> None:
-    """The default `Report`: does nothing. Sources log each change in any case."""
+    """Do nothing: the default `Report`. Sources log each change in any case."""
 
 
 def size_of(picture: Picture) -> Size:

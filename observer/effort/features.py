@@ -64,7 +64,7 @@ class Course:
         return self._count
 
     def add(self, centres: Floats) -> None:
-        """One frame: (P, 2) image coordinates, v down, NaN where not seen."""
+        """Add one frame: (P, 2) image coordinates, v down, NaN where not seen."""
         self.size = self._body.update(centres, self.body_parts)
         if self._count == self._capacity:
             self._keep(self._capacity // 2)

@@ -142,7 +142,7 @@ class Resampler:
         return [Tracks(_interpolate(previous, newest, self._instant_ns(i), bridged)) for i in range(first, count)]
 
     def restart(self) -> None:
-        """The next frame shows another motion: nothing lies between it and the previous one."""
+        """Begin anew: the next frame shows another motion, and nothing lies between it and the previous one."""
         self._previous = self._before = None
 
     def _instant_ns(self, i: int) -> int:

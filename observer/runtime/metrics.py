@@ -22,7 +22,7 @@ class ObserverMetrics(Metrics):
         self._step = self.histogram("observer_step_seconds", "Tracking and filtering, for one frame.", STEP_BUCKETS)
 
     def record_frame(self, age_s: float, step_s: float, *, sent: bool, skipped: int) -> None:
-        """One frame was processed. sent: whether a posterior was published. skipped: frames left out before it."""
+        """Count one processed frame. sent: whether a posterior was published. skipped: frames left out before it."""
         self._frames.inc()
         self._skipped.inc(skipped)
         self._posteriors.inc(sent)

@@ -96,7 +96,7 @@ class TrackingPace:
         return int(min(skipped, max(due - 1, 0.0)))
 
     def ran(self, at_ns: int, tracks: Tracks, cost_s: float) -> None:
-        """The tracker was run on this picture, and took so many CPU seconds."""
+        """Note that the tracker was run on this picture, and took so many CPU seconds."""
         self._ran_ns = at_ns
         was_empty = self.empty and self.quiet(at_ns)
         (self._empty_costs if was_empty else self._costs).append(max(cost_s, 1e-6))

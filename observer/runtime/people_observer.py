@@ -101,7 +101,7 @@ class PeopleObserver:
         return replace(first, others=tuple(others))
 
     def end(self) -> Posterior | None:
-        """The posteriors now that the source has ended; None if they were known."""
+        """End every person's movement with the source; returns the changed posteriors, None if none has changed."""
         ended = [
             replace(posterior, person=str(number))
             for number, (_, observer) in self._people.items()

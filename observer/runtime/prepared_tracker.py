@@ -56,7 +56,7 @@ class PreparedTracker:
         return Tracks(self._calibrated(tracks.centres), people=tracks.people)
 
     def want(self, wanted: Sequence[str], fewer_parts: bool = False) -> None:
-        """From now on select these body parts; raises BadInput as the class does, and then changes nothing."""
+        """Select these body parts from now on; raises BadInput as the class does, and then changes nothing."""
         known = self.every_part
         lacking = tuple(part for part in wanted if part not in known)
         if lacking and not (fewer_parts and len(lacking) < len(wanted)):

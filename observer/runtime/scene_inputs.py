@@ -149,7 +149,7 @@ def person_in(scene: Scene, observer: str, view: View) -> PersonPlacement | None
 
 
 def use_one_thread() -> None:
-    """An observer is one process of several on its machine; more threads of OpenCV would only compete."""
+    """Let OpenCV use one thread: an observer is one process of several, and more threads would only compete."""
     import cv2
 
     cv2.setNumThreads(1)

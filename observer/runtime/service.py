@@ -72,17 +72,17 @@ class HealthReporter:
         self._reported: tuple[ProcessState, str] | None = None
 
     def report_to(self, report: ReportState) -> None:
-        """From now on call `report(state, reason)` on each change, in the thread that caused it."""
+        """Call `report(state, reason)` on each change from now on, in the thread that caused it."""
         self._report = report
         self._report_change()
 
     def record_camera(self, state: ProcessState, reason: str) -> None:
-        """A camera's report (`observer.camera.base.Report`): degraded with the reason, or running."""
+        """Take a camera's report (`observer.camera.base.Report`): degraded with the reason, or running."""
         self._fault = reason if state == "degraded" else ""
         self._report_change()
 
     def record_frame(self, complaint: str) -> None:
-        """A frame was processed; complaint: as `ObserverLike.complaint`."""
+        """Count a processed frame; complaint: as `ObserverLike.complaint`."""
         self._started, self.complaint = True, complaint
         self._report_change()
 

@@ -98,7 +98,7 @@ class EarlierSets:
         return {self._id_of(path): TakesSet(path) for path in sorted(names, key=_changed_ns)}
 
     def set_aside(self, lesson: str) -> None:
-        """The takes become an earlier set, because `lesson` begins; raises LabanmeshError."""
+        """Make the takes an earlier set, because `lesson` begins; raises LabanmeshError."""
         if not self._current.path.exists():
             return
         known = self.sets
@@ -109,7 +109,7 @@ class EarlierSets:
             moved.path.touch()
 
     def resume(self, labels: Sequence[str]) -> None:
-        """The newest set of a lesson with these movements that has not ended becomes the takes again, if there is one.
+        """Take back the newest set of a lesson with these movements that has not ended, if there is one.
 
         Raises LabanmeshError.
         """
@@ -136,7 +136,7 @@ class EarlierSets:
                 each.remove()
 
     def ended_well(self, labels: Collection[str]) -> None:
-        """A lesson with these movements has ended well: sets of no others go, but for the newest."""
+        """Remove sets of these movements alone, but for the newest: a lesson with them has ended well."""
         for each in list(self.sets.values())[:-1]:
             counts = each.counts
             if counts and set(counts) <= set(labels):

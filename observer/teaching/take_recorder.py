@@ -160,13 +160,13 @@ class TakeRecorder:
         return ""
 
     def abandon(self) -> None:
-        """The teacher has gone: what was recorded of something else is kept, a take is not."""
+        """Stop because the teacher has gone: what was recorded of something else is kept, a take is not."""
         current, self.current = self.current, None
         if current is not None and current.watch is None and self._recorder.newest_ns is not None:
             self._write_piece(current, self._recorder.newest_ns)
 
     def end(self) -> None:
-        """The teacher ends what is recorded now."""
+        """End what is recorded now, as the teacher asks."""
         current = self.current
         if current is None:
             return
@@ -178,7 +178,7 @@ class TakeRecorder:
         self._finish(current)
 
     def lose(self) -> None:
-        """No pictures come any more: a take fails at once; something else goes on when they come again."""
+        """Note that no pictures come any more: a take fails at once; something else goes on when they come again."""
         current = self.current
         if current is not None and current.watch is not None:
             current.watch.fail(LOST)

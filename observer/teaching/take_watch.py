@@ -73,7 +73,7 @@ class TakeWatch:
                 self._stop(at_ns, away)
 
     def end(self) -> None:
-        """The teacher ends the take with the newest frame."""
+        """End the take with the newest frame, as the teacher asks."""
         self.phase = "done"
 
     def fail(self, fault: str) -> None:

@@ -58,7 +58,7 @@ class TakesFile:
         self._write_note(labels)
 
     def finish(self) -> None:
-        """The movements have been learned and adopted: the next teaching starts anew."""
+        """Note that the movements are learned and adopted: the next teaching starts anew."""
         if (labels := self._set.unfinished) is not None:
             self._sets.ended_well(labels)
         self._set.note.unlink(missing_ok=True)

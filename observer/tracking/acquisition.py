@@ -165,7 +165,7 @@ class HandednessEvidence:
             self._evidence = min(self._evidence, 0.0)
 
     def add_merge(self) -> None:
-        """The hands were one piece of skin: whether they crossed was not visible."""
+        """Note that the hands were one piece of skin: whether they crossed was not visible."""
         self._evidence = min(self._evidence, 0.0)
 
     def exchange(self, left: Floats, right: Floats, face: float, seconds: float) -> bool:

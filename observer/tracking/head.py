@@ -130,7 +130,7 @@ class HeadTracker:
         return True
 
     def confirm(self, box: Box) -> None:
-        """The cascade has detected the face here."""
+        """Note that the cascade has detected the face here."""
         self._faced = True
         self._place(box)
 
