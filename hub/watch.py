@@ -159,7 +159,7 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
 
 
 def show_json(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:
-    """Each judgement and verdict as one line of JSON: `kind`, then the fields of the wire.
+    """Print each judgement and verdict as one line of JSON: `kind`, then the fields of the wire.
 
     An early word is a line of the kind `early`, its end one of the kind `confirmed`, `corrected` or `withdrawn`. The
     stage of the watch for falls is one of the kind `fall` when it changes.

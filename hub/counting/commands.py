@@ -78,7 +78,7 @@ def _checked(config: Scene, movement: str, updates: Iterable[SceneUpdate]) -> It
 
 
 def show_counts(updates: Iterable[SceneUpdate], tally: RepetitionTally, as_json: bool = False) -> None:
-    """A line for each count, and one for each target that is reached."""
+    """Print a line for each count, and one for each target that is reached."""
     reached = 0
     for update in updates:
         message = update.message

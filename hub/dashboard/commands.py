@@ -43,7 +43,7 @@ def dashboard(
     ] = False,
     for_s: ForSeconds = None,
 ) -> None:
-    """The scene as one page in the browser: the judges on the tatami, the verdicts, and why. Ctrl-C ends it.
+    """Show the scene as one page in the browser: the judges on the tatami, the verdicts, and why. Ctrl-C ends it.
 
     It only reads, unless --teach lets those who have the token teach. Where other machines can reach it, it asks for
     a token.

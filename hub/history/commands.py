@@ -37,7 +37,7 @@ def history(
     as_csv: Annotated[bool, typer.Option("--csv", help="As a table with commas.")] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Each as a line of JSON.")] = False,
 ) -> None:
-    """What happened in a scene: movements and falls, the oldest first, by local time; from the file on this machine.
+    """List what happened in a scene, from the file on this machine: movements and falls, the oldest first; local time.
 
     Example: labanmesh history scene.toml --day today
 

@@ -79,7 +79,7 @@ class SceneBridge:
             self._recalled, self._recalled_ns = True, said_ns
 
     def note_left(self, topic: str, payload: object = b"") -> None:
-        """The broker has a retained message under `topic`, left there by an earlier hub."""
+        """Note that the broker has a retained message under `topic`, left there by an earlier hub."""
         self.counters.recall(topic, payload)
         if self.topics.is_of_movement(topic):
             self._of_movements |= {topic}
@@ -116,7 +116,7 @@ class SceneBridge:
         return self._events[0][0] if self._events else None
 
     def confirm_event(self) -> None:
-        """The broker has the event that `next_event` returned."""
+        """Note that the broker has the event that `next_event` returned."""
         self._events.popleft()
 
     def _is_due(self, topic: str, wanted: RetainedState, now_s: float) -> bool:

@@ -51,7 +51,7 @@ def phone(
     source: FetchFrom = None,
     for_s: ForSeconds = None,
 ) -> None:
-    """A phone is an observer's camera: it scans a code, its browser finds the body, and only tracks leave it.
+    """Let a phone be an observer's camera: it scans a code, its browser finds the body, and only tracks leave it.
 
     The observer itself runs as any other, e.g. with labanmesh up. Ctrl-C ends the page; phones come back by themselves.
 

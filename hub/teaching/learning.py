@@ -41,7 +41,7 @@ def _wanted(participants: Participants) -> dict[str, object]:
 
 
 def adopt(participants: Participants, learned: Mapping[str, LearnedReport]) -> None:
-    """All change together; then the fusion service follows. Raises LabanmeshError if it does not."""
+    """Let all observers change together; then the fusion service follows. Raises LabanmeshError if it does not."""
     interface = participants.interface
     interface.show(Step("adopting"))
     participants.observers = [name for name in participants.observers if name in learned]

@@ -72,7 +72,7 @@ class Lesson:
         )
 
     def run(self) -> None:
-        """The whole lesson; raises LabanmeshError, one line, if it cannot go on. Takes that were made are kept."""
+        """Hold the whole lesson; raises LabanmeshError, one line, if it cannot go on. Takes that were made are kept."""
         plan, interface, participants = self._plan, self._interface, self._participants
         try:
             replies = self._begin()

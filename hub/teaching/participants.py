@@ -74,7 +74,7 @@ class Participants:
         return {name: reply for name, reply in replies.items() if not reply.fault}
 
     def request_of(self, command: TeachCommand, observers: Collection[str], **fields: object) -> Answers:
-        """Ask only these observers, whatever they answer."""
+        """Ask only these observers; returns their answers, also those that report a fault."""
         return self.ask(self._made(command, **fields), observers)
 
     def start(self, labels: list[str]) -> Mapping[str, TeachReply]:

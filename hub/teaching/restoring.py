@@ -20,7 +20,7 @@ def list_earlier(participants: Participants, file: str) -> None:
 
 
 def restore(participants: Participants, wanted: str, file: str) -> None:
-    """The earlier takes with the id `wanted` become the takes of now; those are set aside.
+    """Make the earlier takes with the id `wanted` the current ones, and set those aside.
 
     Raises BadInput for an unknown id, LabanmeshError if an observer that has them could not.
     """
