@@ -106,7 +106,7 @@ def run(command: Sequence[str], display: StepDisplay | None = None, log: IO[str]
 
 
 def make(folder: Path, package: str, no_windows: bool, display: StepDisplay) -> None:
-    """The environment, and then the packages; raises InstallFailure and OSError."""
+    """Make the environment, and then install the packages; raises InstallFailure and OSError."""
     display.show("an environment of Python (once; some minutes)")
     run([sys.executable, "-m", "venv", str(folder)])
     python = str(folder / "bin" / "python")

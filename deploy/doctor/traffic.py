@@ -63,7 +63,7 @@ class ProcessTraffic:
     last: tuple[str, int] | None = None
 
     def count_number(self, session: str, seq: int) -> None:
-        """One more message with a sequence number."""
+        """Count one more message with a sequence number."""
         if self.last is not None:
             self.turns += session != self.last[0] or seq < self.last[1]
         self.last = session, seq
@@ -95,7 +95,7 @@ class MeshTraffic:
         return not (self.alive_observers or self.alive_fusions or self.observers or self.fusions)
 
     def record(self, key: str, payload: bytes, now_ns: int, *, queried: bool = False) -> None:
-        """One message that came at `now_ns`; queried: it is an answer. Never raises, whatever the bytes."""
+        """Count one message that arrived at `now_ns`; queried: it answers a query. Never raises, whatever the bytes."""
         name = observer_of(key) if key.count("/") > 1 else ""
         if key == self.keys.judgement:
             if not queried:

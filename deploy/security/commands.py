@@ -95,7 +95,7 @@ def add(
     days: Days = CERTIFICATE_DAYS,
     to: To = None,
 ) -> None:
-    """A certificate for a machine, in a folder to be copied there; its rights follow from its name or the options.
+    """Issue a certificate for a machine, in a folder to copy there; its rights follow from its name or the options.
 
     Example: labanmesh secure add scene.toml attic --observer sofa --observer shelf --hub
 
@@ -119,7 +119,7 @@ def add(
 
 @secure.command()
 def renew(files: SceneFiles, name: Name, host: Host = None, days: Days = CERTIFICATE_DAYS, to: To = None) -> None:
-    """The next certificate for a machine that has one; both count until the old one expires or is revoked.
+    """Issue the next certificate for a machine; both count until the old one expires or is revoked.
 
     Example: labanmesh secure renew scene.toml sofa
     """
@@ -151,7 +151,7 @@ def revoke(
 def list_(
     files: SceneFiles, json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False, to: To = None
 ) -> None:
-    """All certificates with their roles, states and days left.
+    """List all certificates with their roles, states and days left.
 
     Example: labanmesh secure list scene.toml --json
     """
@@ -172,7 +172,7 @@ def rules(
     listen: Annotated[str, typer.Option(help="Where the router listens: tls/0.0.0.0:7447.")] = "",
     to: To = None,
 ) -> None:
-    """The router's whole Zenoh configuration with the access rules, for a zenohd or a router elsewhere.
+    """Print the router's whole Zenoh configuration with the access rules, for a zenohd or a router elsewhere.
 
     Example: labanmesh secure rules scene.toml --credentials /etc/zenohd/credentials > router.json5
     """

@@ -199,7 +199,7 @@ def router(
         Path | None, typer.Option(help="A whole Zenoh configuration (JSON5), as `labanmesh secure rules` prints it.")
     ] = None,
 ) -> None:
-    """A Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
+    """Run a Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
 
     Scene files then say mode = "router" and this machine's address under [mesh] endpoint. The router notices changes
     in its files. It warns where other machines reach it without certificates.
