@@ -152,7 +152,7 @@ def _tracked_per_s(name: str, scene_file: Path, begin: StartBarrier) -> float:
 
 
 def film_tracks(scene_file: Path, name: str, file: Path, progress: Progress) -> None:
-    """A film of what an observer of films sees in its own: the tracks, and its belief."""
+    """Make a film of what an observer sees in its own film: the tracks, and its belief."""
     observer, inputs = _observing(scene_file, name)
     film, parts = Film(file, inputs.source.rate_hz, FILM_SIZE_PX), inputs.tracker.every_part
     for n, frame in enumerate(inputs.source.frames(threading.Event()), 1):

@@ -130,7 +130,7 @@ def _learn_corner(corner: str, performance: Performance, folder: Path) -> None:
 
 
 def _save_skin(performance: Performance, file: Path) -> None:
-    """As `labanmesh camera look --save-skin` from the door: corner cameras see no frontal face to learn the skin from.
+    """Save the skin as `labanmesh camera look --save-skin` does from the door: corner cameras see no frontal face.
 
     The skin is learned from the whole performance: from the first face alone, it may have colours of the room, too, and
     a camera from which the person stands before these finds no head.
