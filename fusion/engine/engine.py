@@ -45,7 +45,8 @@ class EngineOutput:
 class FusionEngine:
     """Fuses the posteriors of one scene's observers, which its `roster` has. Raises BadInput for an unknown rule.
 
-    Into each message go epoch, of the owner, session, random per process, person, who is judged, and their place.
+    Each message carries `person`, who is judged, and what the caller sets: `epoch`, of the owner, `session`, random per
+    process, and `place`, where the person stands.
     """
 
     def __init__(
