@@ -10,7 +10,7 @@ from benchmarks.__main__ import as_json, measured, table
 from benchmarks.fusion import pace_rows, rule_rows
 from benchmarks.mesh import first_judged
 from benchmarks.observer import NOW_NS, sent_bytes
-from benchmarks.observer_steps import FLOORS, camshift_row, halves, learned, measure, memory, pictures, recorded
+from benchmarks.observer_steps import FLOORS, halves, learned, measure, memory, recorded
 from benchmarks.posteriors import NAMES, message, random_posteriors, scene_of
 from benchmarks.timing import row
 from common.inbox import Arrival
@@ -70,11 +70,6 @@ def test_every_model_has_a_floor_and_is_measured_on_people_it_has_not_learned(ki
     model = learned(kind, train)
     assert measure(kind, model, test, **QUICK).name == f"model update, {kind}, 8 movements"
     assert memory(kind, model).ratio >= 1
-
-
-def test_tracking_is_measured_on_pictures_in_which_the_hands_are_found():
-    size = (320, 240)
-    assert camshift_row(pictures(size), size, **QUICK).name == "tracking, camshift, 320x240"
 
 
 def test_a_posterior_is_judged_by_the_first_judgement_with_it_or_a_newer_one():
