@@ -22,9 +22,7 @@ from deploy.first_scene.scene_text import SCHEMA_FILE, FirstCamera, scene_text
 
 DEFAULT_NAME = "home"
 EXAMPLE_LABELS = "wave point clap"
-WITHOUT_WEBCAM = (
-    'its source may also be a film ("film.mp4") or a phone ("rtsp://HOST:PORT/PATH"): docs/guide/cameras.md'
-)
+WITHOUT_WEBCAM = 'its source may also be a film ("film.mp4") or "phone": docs/guide/cameras.md'
 REHEARSAL = (
     "without a camera: labanmesh teach --rehearse shows a whole lesson in three minutes, acted by a synthetic performer"
 )
