@@ -12,7 +12,6 @@ import typer
 from processes import SOON_S
 
 import labanmesh
-from common import missing_library
 from common.errors import BadInput, LabanmeshError
 from labanmesh import OTHER_FORMS, RENAMED, VERBS, Verb, main
 
@@ -261,12 +260,6 @@ def test_a_missing_module_of_ours_is_a_traceback(verb):
     verb(bow)
     with pytest.raises(ModuleNotFoundError):
         main(["bow"])
-
-
-def test_the_extras_are_those_of_the_distribution():
-    from importlib.metadata import metadata
-
-    assert set(missing_library.EXTRAS.values()) <= set(metadata("labanmesh").get_all("Provides-Extra"))
 
 
 @pytest.mark.parametrize("words", [("--help",), ("doctor",)])

@@ -6,16 +6,13 @@ import pytest
 from benchmarks.clips.judging import judge
 from benchmarks.clips.material import FOUR
 from benchmarks.clips.report import first_verdicts
-from benchmarks.from_pixels import RecordedTracks
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
 from observer.learning.learn import learn_view
 from observer.motion.archive import MotionArchive, labels_of
-from observer.motion.even_rate import Resampler
-from observer.runtime.pipeline import Observer
-from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, Tracks
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 
 pytest.importorskip("mediapipe")
 pytestmark = pytest.mark.slow
@@ -99,41 +96,11 @@ def models(florence, labels):
         yield clip, learned[clip.subject]
 
 
-def posteriors(florence, labels, tracks_of):
-    """(clip, posteriors): the observer's posterior after each frame."""
-    for clip, model in models(florence, labels):
-        tracks = tracks_of(clip)
-        observer = Observer(RecordedTracks(iter(tracks)), model, resampler=Resampler(model.header.rate_hz))
-        yield clip, [observer.step(Frame(n * PERIOD_NS, np.zeros(0))) for n in range(len(tracks))]
-
-
-def most_probable(florence, labels, tracks_of):
-    """Clips whose last posterior is highest for the right label, and descriptions of the others. Not a verdict."""
-    right, wrong = [], []
-    for clip, each in posteriors(florence, labels, tracks_of):
-        p = next(posterior.p for posterior in reversed(each) if posterior is not None)
-        label = labels[int(np.argmax(p))]
-        (right if label == clip.label else wrong).append(f"{clip.name} {clip.label}: {label} {p.max():.2f}")
-    return right, wrong
-
-
 def verdicts(florence, labels, tracks_of):
     """What is published about each clip, and after it."""
     for clip, model in models(florence, labels):
         centres = np.array([tracks.centres for tracks in tracks_of(clip)])
         yield judge(clip.name, clip.label, centres, SECOND_NS / PERIOD_NS, model, FusionConfig())
-
-
-# Models of other people are learned for each clip's person.
-@pytest.mark.timeout(300)
-def test_the_last_posterior_is_highest_for_the_right_label(florence):
-    """The argmax of the last posterior: what the tracks are worth, not what a user gets."""
-    right, wrong = most_probable(florence, FOUR, lambda clip: clip.palm)
-    by_wrist, _ = most_probable(florence, FOUR, lambda clip: clip.wrist)
-    of_nine, wrong_of_nine = most_probable(florence, labels_of(florence.archive), lambda clip: clip.palm)
-    print(f"\nargmax right: {len(right)} of 16 ({wrong}); by the wrist {len(by_wrist)}")
-    print(f"among nine movements: {len(of_nine)} of 16 ({wrong_of_nine})")
-    assert len(right) >= 13
 
 
 VERDICTS_TARGET = 13
@@ -151,16 +118,3 @@ def test_verdicts_of_the_fusion_service(florence, labels, reached):
     print(f"by the joints: {first_verdicts(by_joints)}")
     assert sum(result.first_is_right for result in by_tracks) >= reached
     assert sum(bool(result.words) and not result.first_is_right for result in by_tracks) <= 1
-
-
-def test_the_joints_give_the_right_label(florence):
-    right, wrong = most_probable(florence, FOUR, lambda clip: [Tracks(centres) for centres in clip.truth])
-    assert len(right) >= 15, wrong
-
-
-def test_a_person_who_is_never_seen_does_not_change_the_posterior(florence):
-    blind = Tracks(np.full((3, 2), np.nan))
-    model = learn_view(florence.archive, View("camera", florence.camera), Vocabulary(FOUR))
-    observer = Observer(RecordedTracks(iter([blind] * 30)), model)
-    p = [observer.step(Frame(n * PERIOD_NS, np.zeros(0))).p for n in range(30)]
-    np.testing.assert_allclose(p[-1], p[0], atol=0.05)
