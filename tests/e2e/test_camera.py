@@ -5,7 +5,7 @@ import threading
 import cv2
 import pytest
 from e2e_stage import MOVEMENTS, SOON_S, run, started, write_scene
-from processes import labanmesh
+from processes import labanmesh, waited_s
 
 from common.messages import Agreement, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
 from common.picture_message import PictureMessage
@@ -85,11 +85,13 @@ def test_a_film_is_recognised_and_shown_to_those_who_ask(stage, meeting, scene, 
 def test_a_missing_camera_is_degraded_within_a_second_of_the_start(stage, meeting, scene):
     statuses, received = meeting.inbox("laban/dojo/observer/cam1/status"), []
     file = scene("/dev/video97", "face = [1, 1, 60, 60]\n")
-    with started(stage, labanmesh("observe", file, "cam1")):
+    with started(stage, labanmesh("observe", file, "cam1")) as observer:
         while not received or received[-1][1].state == "starting":
             arrivals = statuses.take(SOON_S)
             assert arrivals, f"only {received} arrived"
             received += [(a.arrived_ns, decode(StatusMessage, a.payload)) for a in arrivals]
+        waiting_s = waited_s(observer.pid)
     (first_ns, _), (last_ns, last) = received[0], received[-1]
     assert last.state == "degraded" and "/dev/video97" in last.reason
-    assert last_ns - first_ns < 1e9
+    # What it waits for a processor is the time of a busy machine.
+    assert last_ns - first_ns < (1 + waiting_s) * 1e9

@@ -6,7 +6,7 @@ import time
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from processes import SOON_S
+from processes import SOON_S, waited_s
 
 import labanmesh
 from common import SECOND_NS as SECOND
@@ -178,9 +178,11 @@ def test_fusion_receives_posteriors_liveliness_and_vocabulary(write, fusion):
         if done == total:
             assert alive.wait_for(0, SOON_S), "its token ends when the process ended"
 
-    began_s = time.monotonic()
+    began_s, waited_before_s = time.monotonic(), waited_s()
     count = play(write(*WHOLE), onto(fusion.locator), PlaybackOptions(posteriors_only=True), stop, watch)
     assert time.monotonic() - began_s >= 0.3
+    # What the process waits for a processor is the time of a busy machine.
+    waiting_ns = (waited_s() - waited_before_s) * SECOND
     assert count == 2 and progress[-1] == (7, 7)
     assert queried == [{VOCABULARY: WHOLE[0].payload}]
     arrivals = taken(inbox, 2)
@@ -188,10 +190,10 @@ def test_fusion_receives_posteriors_liveliness_and_vocabulary(write, fusion):
     messages = [decode(PosteriorMessage, arrival.payload) for arrival in arrivals]
     assert [message.seq for message in messages] == [1, 2]
     assert all(
-        0 <= arrival.arrived_ns - message.sent_ns < 2 * SECOND
+        0 <= arrival.arrived_ns - message.sent_ns < 2 * SECOND + waiting_ns
         for arrival, message in zip(arrivals, messages, strict=True)
     )
-    assert (arrivals[1].arrived_ns - arrivals[0].arrived_ns) / 1e6 == pytest.approx(199, abs=150)
+    assert 0.05 * SECOND < arrivals[1].arrived_ns - arrivals[0].arrived_ns < 0.35 * SECOND + waiting_ns
 
 
 def test_everything_is_played_without_fusion_also_to_late_joiners(write):
