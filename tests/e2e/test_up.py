@@ -55,14 +55,15 @@ def test_a_running_scene_is_healthy_a_killed_observer_comes_back_and_sigterm_end
         assert alive.wait_for(0, SOON_S)
 
 
-def test_a_lesson_that_is_killed_ends_the_scene_that_it_started(stage, scene):
-    read, path = scene
+def test_a_lesson_that_is_killed_ends_the_scene_that_it_started(stage):
+    path = write_scene(stage / "lesson.toml", free_endpoint(), played("door", more="loop = true\n"))
+    read = read_scene(path, {})
     with (
         Link.open(read.mesh, "hub") as hub,
         started(stage, labanmesh("teach", path, "wave", "clap", "--up")) as teacher,
     ):
         alive = hub.presence(f"{read.keys.root}/**/alive")
-        assert alive.wait_for(len(VIEWS) + 1, SOON_S)
+        assert alive.wait_for(2, SOON_S), "an observer and the fusion service"
         teacher.kill()
         assert alive.wait_for(0, SOON_S)
 
