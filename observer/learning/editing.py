@@ -15,7 +15,7 @@ from observer.geometry.placement import PersonPlacement, unlike
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView
 from observer.learning.learn import with_calibration
-from observer.model.base import Example, Header, MovementModel, learned_from, with_features
+from observer.model.base import Example, Header, MovementModel, with_features
 from observer.model.cross_validation import held_out_of
 from observer.model.parameters import facings_in
 from observer.model.stacked import Stacked
@@ -121,7 +121,7 @@ def _learned_again(
         raise BadInput(f"model {header.kind}: does not keep all its takes; learn it again with all its movements")
     kind, (examples, streams) = type(model), model.remembered(indices)
     examples = [*examples, *added]
-    return with_calibration(kind, learned_from(kind, header, examples, streams), examples, streams)
+    return with_calibration(kind, kind.learn_with_streams(header, examples, streams), examples)
 
 
 def _require_match(old: Header, archive: MotionArchive, view: View, kind: str, parameters: Mapping[str, float]) -> None:

@@ -22,10 +22,9 @@ from observer.model.base import (
     Onset,
     Stream,
     evenly_spread,
-    learned_from,
     with_features,
 )
-from observer.model.cross_validation import CrossValidation, HeldOutResult, judged_as
+from observer.model.cross_validation import HeldOutResult, judged_as
 from observer.model.parameters import facings_in
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (
@@ -92,8 +91,11 @@ def learn_view(
     if watched:
         header = replace(header, background=labels, provenance={**origin, **_other_motion(watched, rate_hz)})
     examples, watched = with_features(model, header, examples), with_features(model, header, watched)
-    learned = learned_from(model, header, examples, watched)
-    return with_calibration(model, learned, examples, watched) if calibrate else learned
+    if issubclass(model, LearnsStreams):
+        learned: MovementModel = model.learn_with_streams(header, examples, watched)
+    else:
+        learned = model.learn(header, examples)
+    return with_calibration(model, learned, examples) if calibrate else learned
 
 
 def _placed(
@@ -147,17 +149,14 @@ MOST_EVALUATED = 240
 """Examples that are evaluated; more hardly change what is found."""
 MOST_WATCHED = 60
 """The same for a kind that evaluates a whole fold at once."""
-EVALUATED_AT = (0.6, 1.0)
-"""Shares of a movement after which such a kind is evaluated: about where verdicts are decided, and at the end."""
 
 
 def with_calibration(
     kind: type[MovementModel],
     model: MovementModel,
     examples: Sequence[Example],
-    streams: Sequence[Stream] = (),
 ) -> MovementModel:
-    """The same model evaluated by leaving out one person at a time.
+    """The same model, just learned from these examples, evaluated by leaving out one person at a time.
 
     A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and learns from
     the results how sure it may be. If only one person shows a movement, one recording of each movement is left out at a
@@ -170,7 +169,7 @@ def with_calibration(
         share = MOST_WATCHED / len(examples)
         watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
         folds = at_all_facings(examples, fewer_folds(front, folds))
-        others = model.cross_validated(CrossValidation(examples, streams, folds, watched, EVALUATED_AT))
+        others = model.cross_validated(folds, watched)
         results = others.results
         arrays = {**arrays, **others.arrays} if others.arrays else arrays
         if others.strange_named is not None:
@@ -180,15 +179,10 @@ def with_calibration(
         parameters = {name: 1.0 if name == "facings" else value for name, value in header.parameters.items()}
         of_one_facing = replace(header, parameters=parameters)
         results = [result for fold in folds for result in _evaluate_fold(kind, of_one_facing, front, fold)]
-    counts |= {"tried": str(len(results)), "right": str(right_count(results))}
+    counts |= {"tried": str(len(results)), "right": str(sum(truth == judged for truth, judged in results))}
     counts["held_out"] = json.dumps(judged_as(results, header.vocabulary))
     provenance = {**header.provenance, **counts}
     return kind.from_arrays(replace(header, provenance=provenance), arrays)
-
-
-def right_count(results: Sequence[HeldOutResult]) -> int:
-    """How many of the examples were recognised."""
-    return sum(int(r.posteriors[-1].argmax()) == r.truth for r in results)
 
 
 def _evaluate_fold(
@@ -203,4 +197,4 @@ def _evaluate_fold(
             watch = model.watch(Onset(known=True, length=len(examples[n].tracks)))
             for tracks in examples[n].tracks:
                 watch.update(tracks)
-            yield HeldOutResult(examples[n].movement, watch.p[None])
+            yield HeldOutResult(examples[n].movement, int(watch.p.argmax()))

@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self, TypeVar, runtime_checkable
@@ -19,7 +19,7 @@ from observer.model.parameters import Parameter, check_parameters
 from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
-    from observer.model.cross_validation import CrossValidation, LearnedFromOthers
+    from observer.model.cross_validation import LearnedFromOthers
     from observer.score.references import ReferenceTakes
 
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -77,7 +77,8 @@ class Example:
     """One movement, cut out of a recording, as the model's view sees it; movement: its index in the vocabulary.
 
     A negative index is one of the background: -1 the first in the header. facing: which of the model's K facings the
-    person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as the model reads them.
+    person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as the model reads them;
+    postures: as the phase filter of a model reads them whose features are traces.
     """
 
     tracks: Sequence[Tracks]
@@ -86,6 +87,7 @@ class Example:
     subject: str = ""
     trial: str = ""
     features: Floats | None = None
+    postures: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +239,7 @@ class MovementModel(Protocol):
 
 @runtime_checkable
 class LearnsStreams(Protocol):
-    """The additional method of a kind that knows something else, from a background of other movements and streams."""
+    """The additional methods of a kind that knows something else, from a background of other movements and streams."""
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -248,17 +250,11 @@ class LearnsStreams(Protocol):
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """As `learn`; the examples include the movements in the spans. There may be no streams."""
 
-    def cross_validated(self, cross_validation: "CrossValidation") -> "LearnedFromOthers":
-        """Evaluate the examples of each fold with a model of all others, and learn from that."""
+    def cross_validated(self, folds: Sequence[Sequence[int]], watched: Collection[int]) -> "LearnedFromOthers":
+        """Evaluate the examples of each fold with a model of all others, and learn from that. Once, after learning.
 
-
-def learned_from(
-    kind: type[MovementModel], header: Header, examples: Sequence[Example], streams: Sequence[Stream] = ()
-) -> MovementModel:
-    """The model of this kind, learned from the examples and, if it can use them, from the streams."""
-    if issubclass(kind, LearnsStreams):
-        return kind.learn_with_streams(header, examples, streams)
-    return kind.learn(header, examples)
+        folds: indices of the examples that are left out together. watched: of those that are evaluated.
+        """
 
 
 def knows_blends_only(header: Header) -> bool:
@@ -266,26 +262,33 @@ def knows_blends_only(header: Header) -> bool:
     return not header.background and float(header.provenance.get("other_motion_s", "0")) == 0
 
 
+Shown = TypeVar("Shown", Example, Stream)
+
+
 @runtime_checkable
 class ReadsExamples(Protocol):
     """The additional method of a kind of model that reads each example once, however often it learns from it."""
 
-    def read(self, header: Header, example: Example | Stream) -> Floats:
-        """(F, D) features, for `Example.features`; a kind that learns from streams reads these too."""
+    def read(self, header: Header, example: Shown) -> Shown:
+        """The example with its features; a kind that learns from streams reads these too."""
 
 
-Watched = TypeVar("Watched", Example, Stream)
-
-
-def with_features(kind: type[MovementModel], header: Header, examples: Sequence[Watched]) -> list[Watched]:
+def with_features(kind: type[MovementModel], header: Header, examples: Sequence[Shown]) -> list[Shown]:
     """The examples with their features, if this kind of model can read them in advance; otherwise unchanged."""
     if not isinstance(kind, ReadsExamples):
         return list(examples)
     complete = with_defaults(header, kind.PARAMETERS)
-    return [replace(e, features=kind.read(complete, e)) for e in examples]
+    return [kind.read(complete, e) for e in examples]
 
 
-def recording_numbers(items: Sequence[Watched]) -> list[int]:
+def features_of(read: Example | Stream) -> Floats:
+    """Its features; raises ValueError for what has not been read."""
+    if read.features is None:
+        raise ValueError("its features have not been read")
+    return read.features
+
+
+def recording_numbers(items: Sequence[Shown]) -> list[int]:
     """For each example or stream the number of its recording; recordings have the same order at every facing."""
     numbers = defaultdict[int, Iterator[int]](count)
     return [next(numbers[item.facing]) for item in items]

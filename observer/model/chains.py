@@ -1,6 +1,7 @@
 """Training examples as chains of postures, and the likelihood of an observed posture (docs/design/model.md). Pure."""
 
 import math
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,21 +94,6 @@ class Postures:
         return np.maximum(distances, 0, out=distances)
 
 
-class LivePostures:
-    """The postures of the filter's live chains, copied again only when these change."""
-
-    def __init__(self, postures: Postures) -> None:
-        self._all = self._selected = postures
-        self._live: Integers | None = None
-
-    def of(self, live: Integers | None) -> Postures:
-        """The postures of these chains; None: of all."""
-        if live is not self._live:
-            self._selected = self._all if live is None else self._all.select(live)
-            self._live = live
-        return self._selected
-
-
 class RestPostures:
     """The postures in which chains begin and end, without motion: those of people who rest before and after a movement.
 
@@ -137,7 +123,7 @@ class RestPostures:
 
 
 class PostureEvidence:
-    """The likelihood of one frame's features for every chain, phase and rest, which a `ChainFilter` takes in.
+    """The likelihood of the newest frame's features for every chain, phase and rest, which a `ChainFilter` takes in.
 
     outlier: the largest evidence in nats against a posture compared with the nearest one, so that one error of a
     tracker or one odd movement of a hand does not decide alone.
@@ -145,21 +131,29 @@ class PostureEvidence:
     after: (M, K) log of the mean likelihood over the movement's last postures, at least that of rest at the facing.
     """
 
-    def __init__(
-        self,
-        live_postures: LivePostures,
-        at_rest: RestPostures,
-        features: Floats,
-        sharpness: float,
-        outlier: float,
-    ) -> None:
-        self._live_postures, self._features = live_postures, features
-        self._sharpness, self._least = sharpness, np.float32(math.exp(-outlier))
-        self.rest, self.after = at_rest.log_likelihoods(features, sharpness)
+    rest: float
+    after: Floats
+
+    def __init__(self, postures: Postures, at_rest: RestPostures, sharpness: float, outlier: float) -> None:
+        self._postures, self._at_rest, self._sharpness = postures, at_rest, sharpness
+        self._least = np.float32(math.exp(-outlier))
+        self._live: Integers | None = None
+        self._of_live = postures
+
+    def see(self, features: Floats) -> Self:
+        """One more frame: (D,) features, NaN where not seen."""
+        self._features = features
+        self.rest, self.after = self._at_rest.log_likelihoods(features, self._sharpness)
+        return self
 
     def chains(self, live: Integers | None, phases: int) -> tuple[Floats32, float]:
-        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of its own."""
-        likelihood = self._live_postures.of(live).squared_distances(self._features, phases)
+        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of its own.
+
+        live: the chains that count; None: all.
+        """
+        if live is not self._live:
+            self._live, self._of_live = live, self._postures if live is None else self._postures.select(live)
+        likelihood = self._of_live.squared_distances(self._features, phases)
         nearest = likelihood.min()
         likelihood -= nearest
         likelihood *= np.float32(-self._sharpness)

@@ -1,41 +1,21 @@
-"""Cross-validation of a kind of model that evaluates whole folds at once: its input and its result. Pure."""
+"""The result of a cross-validation of a kind of model that evaluates whole folds at once. Pure."""
 
 import json
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from common.vocabulary import Vocabulary
-from observer.model.base import Arrays, Example, Header, Stream
-from observer.tracks import Floats
+from observer.model.base import Arrays, Header
 
 
-@dataclass(frozen=True, slots=True)
-class CrossValidation:
-    """The examples, and how to evaluate them.
-
-    folds: indices of the examples that are left out together; a recording is left out at all its facings. watched: the
-    indices of those that are evaluated where that takes long. shares: of a movement, after which it is evaluated; the
-    last is 1.0, where it has ended.
-    """
-
-    examples: Sequence[Example]
-    streams: Sequence[Stream]
-    folds: Sequence[Sequence[int]]
-    watched: Collection[int]
-    shares: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class HeldOutResult:
-    """The result for an example by a model that had not learned from its person; posteriors: (T, M) at T times.
-
-    truth: index of the right answer.
-    """
+class HeldOutResult(NamedTuple):
+    """As which movement a model recognised an example from whose person it had not learned: indices."""
 
     truth: int
-    posteriors: Floats
+    judged: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +33,8 @@ class LearnedFromOthers:
 def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:
     """For each movement, as what its left-out examples were recognised, and how often."""
     table: dict[str, Counter[str]] = {}
-    for result in results:
-        judged = vocabulary.labels[int(result.posteriors[-1].argmax())]
-        table.setdefault(vocabulary.labels[result.truth], Counter())[judged] += 1
+    for truth, judged in results:
+        table.setdefault(vocabulary.labels[truth], Counter())[vocabulary.labels[judged]] += 1
     return {label: dict(counts) for label, counts in table.items()}
 
 

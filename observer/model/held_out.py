@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from observer.model.base import Example, Onset, Stream
-from observer.model.body_trace import hop_of, tracks_of, width_of
+from observer.model.base import Example, Onset, Stream, features_of
+from observer.model.body_trace import hop_of, tracks_of
 from observer.model.cross_validation import HeldOutResult
 from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit
-from observer.model.training_memory import trace_in
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
     RECOGNISABLE,
@@ -93,9 +92,8 @@ def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -
     if known or example.features is None:
         yield from _watch_tracks(model, example.tracks, 0, number, truth, known)
         return
-    width = width_of(len(model.header.body_parts))
     both = (examples[n] for n in (number, another_take(examples, number)))
-    trace, other = (trace_in(each)[:, -width:].astype(np.float32) for each in both)
+    trace, other = (features_of(each).astype(np.float32) for each in both)
     rest, rng = round(REST_S * model.header.rate_hz), np.random.default_rng(number)
     if number % 4 == 1:
         none = posture_change(trace[0], other[0], rest // 2)
@@ -174,27 +172,23 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
 
 
 def held_out_results(
-    prior: StackerPrior, task: Floats, of_folds: Sequence[Sequence[Watched]], shares: Sequence[float]
+    prior: StackerPrior, task: Floats, watched: Sequence[Watched]
 ) -> tuple[Stacker, list[HeldOutResult], float | None]:
-    """The stacker of all folds, what it makes of each example after these shares, and how often it names strange ones.
+    """The stacker of all folds, what it makes of each ended example, and how often it names strange ones.
 
-    A share of 1.0 is the end. The last is the share of ended movements that get a name although they are struck out of
-    what the members know; None if nothing was tried.
+    The last is the share of ended movements that get a name although they are struck out of what the members know; None
+    if nothing was tried.
     """
-    watched = [one for fold in of_folds for one in fold]
     stacker = fit(prior, task, stacker_rows(watched))
-    by_example: dict[int, list[Watched]] = {}
-    for one in watched:
-        if one.example >= 0 and one.truth >= 0:
-            by_example.setdefault(one.example, []).append(one)
-    results = []
-    for own in by_example.values():
-        at = [min(own, key=lambda w: abs(min(w.progress, 2.0) - (share if share < 1 else 2.0))) for share in shares]
-        p, _ = stacker.judge(Instants.of([one.instant for one in at]))
-        results.append(HeldOutResult(own[0].truth, p))
-    ended = [one for own in by_example.values() for one in own if math.isinf(one.progress)]
-    if not ended or ended[0].instant.members.shape[-1] < 3:
+    ended = [one for one in watched if one.example >= 0 and one.truth >= 0 and math.isinf(one.progress)]
+    if not ended:
+        return stacker, [], None
+    instants, truth = Instants.of([one.instant for one in ended]), np.array([one.truth for one in ended])
+    results = [
+        HeldOutResult(*pair)
+        for pair in zip(truth.tolist(), stacker.judge(instants)[0].argmax(axis=1).tolist(), strict=True)
+    ]
+    if instants.members.shape[-1] < 3:
         return stacker, results, None
-    truth = np.array([one.truth for one in ended])
-    _, something_else = stacker.judge(Instants.of([one.instant for one in ended]).without(truth))
+    _, something_else = stacker.judge(instants.without(truth))
     return stacker, results, float((something_else < 0.5).mean())

@@ -93,13 +93,7 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     own = {name: value for name, value in header.parameters.items() if name in kind.PARAMETERS}
     references = references_from_arrays(arrays, header.vocabulary.labels, header.body_parts, header.rate_hz)
     header = replace(header, parameters=own, references=references)
-    missing = [name for name in kind.PARAMETERS if name not in header.parameters]
-    if missing:
-        raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")
-    try:
-        check_parameters(header.parameters, kind.PARAMETERS)
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}; learn it again") from None
+    check_parameters(header.parameters, kind.PARAMETERS)
     return kind.from_arrays(header, arrays)
 
 

@@ -39,12 +39,12 @@ class MovementSegment:
         self.over, self.ended, self.number = False, 0, 0
         self.lag = max(round(STILL_LAG_S * rate_hz), 1)
         self._longest = longest
-        # Whether the person has moved in the segment, and whether they did anything but rest in the stream.
+        self._past_frames = PAST_S * rate_hz
+        # Whether the person has moved in the segment, did anything but rest in the stream, and rested after that.
         self._moves, self._moved, self._moved_before = False, False, not onset_known
         self._rested, self._still, self._single = 0, 0, onset_known
         # Whether a movement was shown in the segment, and for how many frames in a row something else after it.
         self._shown, self._otherwise = False, 0
-        self._past_frames = PAST_S * rate_hz
         # The first movement named in the segment, the one that is sure now, and for how many frames in a row.
         self._first: int | None = None
         self._sure, self._sure_frames = -1, 0

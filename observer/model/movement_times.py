@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from common.message_types import MovementTimes
-from observer.model.base import Header, StreamSpan
+from observer.model.base import Header, StreamSpan, features_of
 from observer.model.periodicity import Oscillation, oscillation_of, with_other_side
-from observer.model.training_memory import TrainingMemory, trace_in
+from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import AFTERGLOW_S
 from observer.tracks import Floats
 
@@ -23,7 +23,7 @@ def with_times(header: Header, memory: TrainingMemory) -> Header:
 
 
 def _times_of(movement: int, memory: TrainingMemory, rate_hz: float) -> MovementTimes:
-    takes = [len(trace_in(example)) for example in memory.examples if example.movement == movement]
+    takes = memory.lengths_of(movement)
     oscillation = oscillation_of(_takes_of(movement, memory, rate_hz), rate_hz)
     rests = [
         following.begin - span.end
@@ -45,9 +45,9 @@ def _takes_of(movement: int, memory: TrainingMemory, rate_hz: float) -> list[Flo
         spans = [span for span in stream.spans if span.movement == movement]
         for run in _runs_of(spans, rate_hz):
             joined |= {(stream.subject, span.trial) for span in run}
-            takes.append(trace_in(stream)[run[0].begin : run[-1].end])
+            takes.append(features_of(stream)[run[0].begin : run[-1].end])
     alone = (e for e in memory.examples if e.movement == movement and (e.subject, e.trial) not in joined)
-    return [*takes, *map(trace_in, alone)]
+    return [*takes, *map(features_of, alone)]
 
 
 def _touch(span: StreamSpan, following: StreamSpan, rate_hz: float) -> bool:

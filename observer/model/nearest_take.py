@@ -97,7 +97,7 @@ class NearestTakeWatch:
         self._takes = takes
         self._begin: Floats32 | None = None
         self._seen = 0
-        self._costs: Floats32 = np.full(takes.paths.shape[:2], np.inf, np.float32)
+        self._sums: Floats32 = np.full(takes.paths.shape[:2], np.inf, np.float32)
         places = np.arange(takes.paths.shape[1])
         reachable = (places >= COMPARED_FROM * takes.lengths[:, None] - 1) & (places < takes.lengths[:, None])
         self._unreachable = np.where(reachable, np.float32(0.0), np.float32(np.inf))
@@ -112,26 +112,18 @@ class NearestTakeWatch:
             return
         if self._begin is None:
             self._begin = row[-3:-1]
-        path = (row[:-3].reshape(-1, 2) + (row[-3:-1] - self._begin)).ravel()
+        path: Floats32 = (row[:-3].reshape(-1, 2) + (row[-3:-1] - self._begin)).ravel()
         cost = self._takes.paths @ (path * np.float32(-2 / len(path)))
         cost += self._takes.squares
         cost += path @ path / np.float32(len(path))
         np.sqrt(np.maximum(cost, 0.0, out=cost), out=cost)
-        # D(i - 1, j) + d, then D(i - 1, j - 1) + 2 d, both less d.
-        entered = np.minimum(self._costs[:, 1:], self._costs[:, :-1] + cost[:, 1:])
-        # Within a row, D(j) = min over k <= j of entered(k) + cost(k) + ... + cost(j): a running minimum.
-        total = np.cumsum(cost, axis=1)
-        if self._seen == 1:
-            self._costs[:, 0] = cost[:, 0]
-        np.subtract(entered, total[:, :-1], out=self._costs[:, 1:])
-        np.minimum.accumulate(self._costs, axis=1, out=self._costs)
-        self._costs += total
+        self._sums = np.cumsum(cost, axis=1) + cost[:, :1] if self._seen == 1 else next_sums(self._sums, cost)
 
     @property
     def distances(self) -> Floats:
         """(K,) mean distance from each take along the best path so far, in body sizes."""
         compared = np.float32((self._seen - 1) // self._takes.hop + 1)
-        result: Floats = (self._costs / (self._steps + compared) + self._unreachable).min(axis=1).astype(np.float64)
+        result: Floats = (self._sums / (self._steps + compared) + self._unreachable).min(axis=1).astype(np.float64)
         return result
 
     @property
@@ -140,6 +132,17 @@ class NearestTakeWatch:
         nearest = np.full(len(self._takes.scales), np.inf)
         np.minimum.at(nearest, self._takes.movements, self.distances)
         return nearest / self._takes.scales
+
+
+def next_sums(sums: Floats32, cost: Floats32) -> Floats32:
+    """(K, G) D(i - 1, j), sums along the shortest paths, and (K, G) d(i, j) -> (K, G) D(i, j); symmetric form."""
+    total, entered = np.cumsum(cost, axis=1), sums.copy()
+    np.minimum(sums[:, 1:], sums[:, :-1] + cost[:, 1:], out=entered[:, 1:])
+    # Within a row, D(j) = min over k <= j of entered(k) + cost(k + 1) + ... + cost(j): a running minimum.
+    entered[:, 1:] -= total[:, :-1]
+    np.minimum.accumulate(entered, axis=1, out=entered)
+    entered += total
+    return entered
 
 
 def _representative(takes: Sequence[Example]) -> list[Example]:

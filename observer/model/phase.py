@@ -5,6 +5,7 @@ person faces.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -14,9 +15,8 @@ from common.errors import BadInput
 from observer.body import TRUNK_POINTS
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
-from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, array_in, with_defaults
+from observer.model.base import Arrays, Example, Header, Onset, Shown, Watch, array_in, features_of, with_defaults
 from observer.model.chains import (
-    LivePostures,
     PostureEvidence,
     Postures,
     RestPostures,
@@ -81,7 +81,7 @@ class Phase:
         of the other examples of its movement.
         """
         header = with_defaults(header, cls.PARAMETERS)
-        features = [cls.read(header, e) if e.features is None else e.features for e in examples]
+        features = [features_of(cls.read(header, e) if e.features is None else e) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
         phases = max(round(np.median([*map(len, features)]) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
         movement_of, facing_of = np.array([(e.movement, e.facing) for e in examples], np.int64).T
@@ -89,10 +89,10 @@ class Phase:
         return cls(header, chains.astype(np.float32), movement_of, facing_of)
 
     @classmethod
-    def read(cls, header: Header, example: Example | Stream) -> Floats:
-        """(F, D) features as an observer would read them, gaps filled."""
+    def read(cls, header: Header, example: Shown) -> Shown:
+        """The example with (F, D) features as an observer would read them, gaps filled."""
         reader = posture_reader(header)
-        return fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks]))
+        return replace(example, features=fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks])))
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
@@ -129,16 +129,12 @@ class Phase:
         chain_filter = ChainFilter(self._cell_of, *shape, phases, dynamics, onset.known)
         return PhaseWatch(self, posture_reader(self.header), chain_filter)
 
-    def live_postures(self) -> LivePostures:
-        """The chains' postures, for one watch."""
-        return LivePostures(self._postures)
-
-    def evidence(self, features: Floats, live_postures: LivePostures) -> PostureEvidence:
-        """(D,) features, NaN where not seen -> their likelihood for every chain, phase and rest."""
+    def evidence(self) -> PostureEvidence:
+        """The likelihoods of frames that one person shows."""
         parameters = self.header.parameters
         # At twice the frame rate, the evidence of one frame is spread over two.
         sharpness, outlier = parameters["sharpness"] * self._share * self._shared, parameters["outlier"] * self._share
-        return PostureEvidence(live_postures, self._at_rest, features, sharpness, outlier)
+        return PostureEvidence(self._postures, self._at_rest, sharpness, outlier)
 
 
 class PhaseWatch(Watch):
@@ -146,7 +142,7 @@ class PhaseWatch(Watch):
 
     def __init__(self, model: Phase, reader: PostureReader, chain_filter: ChainFilter) -> None:
         self._model, self._reader, self._filter = model, reader, chain_filter
-        self._live_postures = model.live_postures()
+        self._evidence = model.evidence()
 
     @property
     def p(self) -> Floats:
@@ -171,7 +167,7 @@ class PhaseWatch(Watch):
     def step(self, features: Floats, still: float) -> None:
         """Take in the features (D,) of one frame, NaN where not seen, and P(the person is still)."""
         if np.isfinite(features).any():
-            self._filter.step(self._model.evidence(features, self._live_postures), still)
+            self._filter.step(self._evidence.see(features), still)
         else:
             self._filter.step_blind()
 

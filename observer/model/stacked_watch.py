@@ -66,29 +66,20 @@ class StackedWatch(Watch):
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
-        if self._take(tracks) and self._left <= 0:
+        self.pass_over(tracks)
+        if tracks.visible.any() and self._left <= 0:
             self._left = self._hop
-            self._classify(self._segment.over)
-
-    def pass_over(self, tracks: Tracks) -> None:
-        """Take in one frame, without classifying what has been seen."""
-        self._take(tracks)
-
-    def classify(self) -> None:
-        """Judge the newest frame, if it was passed over."""
-        if len(self._rows):
-            self._classify(self._segment.over)
+            self.classify()
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
         self._ended = True
         if self._repetitions is not None:
             self._repetitions.end()
-        if len(self._rows):
-            self._classify(over=True)
+        self.classify()
 
-    def _take(self, tracks: Tracks) -> bool:
-        """Take in one frame; whether anything is seen in it."""
+    def pass_over(self, tracks: Tracks) -> None:
+        """Take in one frame, without classifying what has been seen."""
         row, frame = self._trace.update(tracks), self._trace.frame
         seen = bool(tracks.visible.any())
         resting = self.rest >= 0.5
@@ -108,7 +99,6 @@ class StackedWatch(Watch):
         if seen:
             self._follow()
             self._hold(frame.still)
-        return seen
 
     def _follow(self) -> None:
         """One more frame for the members that watch since the begin."""
@@ -134,7 +124,10 @@ class StackedWatch(Watch):
             facing = np.full_like(self._facing, 1.0 / len(self._facing)) if joint is None else joint.sum(axis=0)
             self._facing += (facing - self._facing) * (1 - self._kept if joint is None else 1.0)
 
-    def _classify(self, over: bool) -> None:
+    def classify(self) -> None:
+        """Judge the newest frame."""
+        if not len(self._rows):
+            return
         model = self._model
         self._log_trailing = shown = self._trailing_answers()
         self._answers = np.exp(shown)
@@ -156,7 +149,7 @@ class StackedWatch(Watch):
             self._log_segment,
             None if self._nearest is None else self._nearest.relative_distances,
             extent(self._rows[-since:], model.header.rate_hz) / model.extents,
-            over,
+            segment.over or self._ended,
             self._elapsed,
         )
         judged, something_else = model.stacker.judge(self.instant)

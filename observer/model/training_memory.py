@@ -5,13 +5,13 @@ They are stored as traces (`body_trace.py`), float32: 36 bytes a frame for hands
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Arrays, Example, Stream, StreamSpan, array_in
-from observer.tracks import Floats
+from observer.model.base import Arrays, Example, Stream, StreamSpan, array_in, features_of
+from observer.tracks import Floats32
 
 OF_EXAMPLES, OF_STREAMS = "example", "stream"
 """Prefixes of the arrays' names."""
@@ -34,6 +34,17 @@ class TrainingMemory:
         ]
         return type(self)(tuple(examples), tuple(streams))
 
+    def lengths_of(self, movement: int) -> list[int]:
+        """Frames of each take of the movement."""
+        return [len(features_of(e)) for e in self.examples if e.movement == movement]
+
+    @property
+    def usual_posture(self) -> Floats32:
+        """(2 P,) where the parts usually are, relative to the body."""
+        places = np.concatenate([features_of(e)[:, :-3] for e in self.examples])
+        usual: Floats32 = places.astype(np.float32).mean(axis=0)
+        return usual
+
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
         """For a model file."""
         spans = [
@@ -51,19 +62,12 @@ class TrainingMemory:
     @classmethod
     def from_arrays(cls, arrays: Arrays, movements: int, background: int, columns: int) -> Self:
         """The inverse of `as_arrays`; ValueError if they do not fit these numbers of movements and columns."""
-        examples = [
-            Example((), int(movement), facing, subject, trial, features)
-            for movement, (facing, subject, trial, features) in zip(
-                arrays["example_movements"], _from_arrays(OF_EXAMPLES, arrays, columns), strict=True
-            )
-        ]
-        streams = [
-            Stream((), (), facing, subject, trial, features)
-            for facing, subject, trial, features in _from_arrays(OF_STREAMS, arrays, columns)
-        ]
+        of_examples = zip(arrays["example_movements"], _from_arrays(OF_EXAMPLES, arrays, columns), strict=True)
+        examples = [Example((), int(movement), **own) for movement, own in of_examples]
+        streams = [Stream((), **own) for own in _from_arrays(OF_STREAMS, arrays, columns)]
         spans: dict[int, list[StreamSpan]] = {}
         for (n, begin, end, movement), trial in zip(arrays["spans"].tolist(), arrays["span_trials"], strict=True):
-            if not 0 <= begin < end <= len(trace_in(streams[n])):
+            if not 0 <= begin < end <= len(features_of(streams[n])):
                 raise ValueError(f"span {begin} to {end} is not within its stream")
             spans.setdefault(n, []).append(StreamSpan(begin, end, movement, str(trial)))
         shown = [e.movement for e in examples] + [span.movement for own in spans.values() for span in own]
@@ -72,15 +76,8 @@ class TrainingMemory:
         return cls(tuple(examples), tuple(replace(s, spans=tuple(spans.get(n, ()))) for n, s in enumerate(streams)))
 
 
-def trace_in(source: Example | Stream) -> Floats:
-    """The trace of what is remembered; raises ValueError for anything else, whose trace has not been read."""
-    if source.features is None:
-        raise ValueError("its trace has not been read")
-    return source.features
-
-
 def _as_arrays(name: str, sources: Sequence[Example | Stream]) -> dict[str, NDArray[np.generic]]:
-    traces = [trace_in(each) for each in sources]
+    traces = [features_of(each) for each in sources]
     return {
         f"{name}_traces": np.concatenate(traces).astype(np.float32) if traces else np.zeros((0, 0), np.float32),
         f"{name}_lengths": np.array([len(trace) for trace in traces], np.int32),
@@ -90,7 +87,7 @@ def _as_arrays(name: str, sources: Sequence[Example | Stream]) -> dict[str, NDAr
     }
 
 
-def _from_arrays(name: str, arrays: Arrays, columns: int) -> Iterator[tuple[int, str, str, Floats]]:
+def _from_arrays(name: str, arrays: Arrays, columns: int) -> Iterator[dict[str, Any]]:
     """Facing, subject, trial and trace of each."""
     lengths = array_in(arrays, f"{name}_lengths", (None,), np.int64)
     traces = array_in(arrays, f"{name}_traces", (None, columns if len(lengths) else None), np.float32)
@@ -99,4 +96,4 @@ def _from_arrays(name: str, arrays: Arrays, columns: int) -> Iterator[tuple[int,
     parts = np.split(traces, np.cumsum(lengths)[:-1]) if len(lengths) else []
     others = (arrays[f"{name}_{what}"].tolist() for what in ("facings", "subjects", "trials"))
     for facing, subject, trial, trace in zip(*others, parts, strict=True):
-        yield int(facing), str(subject), str(trial), trace.astype(np.float64)
+        yield {"facing": facing, "subject": subject, "trial": trial, "features": trace.astype(np.float64)}

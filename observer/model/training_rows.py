@@ -9,16 +9,13 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example, Stream, evenly_spread, recording_numbers
+from observer.model.base import Example, Shown, Stream, evenly_spread, recording_numbers
 from observer.model.body_trace import hop_of
 from observer.tracks import Floats32, Integers
-
-Shown = TypeVar("Shown", Example, Stream)
 
 RECOGNISABLE = 0.35
 """Share of a movement after which its rows show it fully; up to there they show something else in part."""

@@ -4,17 +4,16 @@ The model is learned from all rows. In cross-validation each fold's model is lea
 Which convolutions there are and their biases depend on no label: they are those of all examples in every fold.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example, Header, Stream
-from observer.model.body_trace import EXTENT_S, extent, width_of
+from observer.model.base import Example, Header, Stream, features_of
+from observer.model.body_trace import EXTENT_S, extent
 from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
 from observer.model.trailing_features import TrailingFeatures, Windows
-from observer.model.training_memory import trace_in
 from observer.model.training_rows import frames_apart, rows_of_examples, rows_of_streams
 from observer.tracks import Floats, Floats32
 
@@ -28,21 +27,16 @@ LEAST_EXTENT = 1e-3
 class TrainingTable:
     """Rows of trailing windows and of segments, for one model and its cross-validation.
 
-    The last columns of the features of examples and streams are their traces.
+    The features of examples and streams are their traces.
     """
 
     def __init__(self, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> None:
         self._header, self._examples, self._streams = header, examples, streams
-        width = width_of(len(header.body_parts))
         traces, traces_of_streams = (
-            [trace_in(each)[:, -width:].astype(np.float32) for each in source] for source in (examples, streams)
+            [features_of(each).astype(np.float32) for each in source] for source in (examples, streams)
         )
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
-        self.longest, self.extents = max(own), _usual_extents(examples, traces, header)
-        lengths = [(e.movement, len(trace)) for e, trace in zip(examples, traces, strict=True)]
-        own_lengths = ([n for movement, n in lengths if movement == m] for m in range(header.vocabulary.size))
-        self.lengths: Floats = np.array([np.median(each) for each in own_lengths])
-        self.usual_posture: Floats32 = np.concatenate([t[:, :-3] for t in traces]).mean(axis=0).astype(np.float32)
+        self.extents = _usual_extents(examples, traces, header)
         self._few = max(1.0, ENOUGH_EXAMPLES / len(own))
         windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
         seed, movements = int(header.parameters["seed"]), header.vocabulary.size
@@ -55,7 +49,7 @@ class TrainingTable:
         self._segments = SegmentTable.of(examples, traces, int(header.parameters["kernels"]), seed)
 
     def learn(
-        self, left_out: Sequence[int] = (), iterations: int = ITERATIONS, part: tuple[int, int] | None = None
+        self, left_out: Collection[int] = (), iterations: int = ITERATIONS, part: tuple[int, int] | None = None
     ) -> tuple[LogisticRegression, SegmentClassifier]:
         """Both classifiers, without the examples left out.
 

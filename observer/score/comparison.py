@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.model.nearest_take import next_sums
 from observer.tracks import Floats, Floats32, Integers
 
 SCORED_LIMBS = {
@@ -129,13 +130,7 @@ def _shortest(cost: Floats32) -> Floats32:
     sums = np.empty_like(cost)
     sums[0] = np.cumsum(cost[0], axis=1)
     for i in range(1, len(cost)):
-        # Within a row, D(j) = min over k <= j of entered(k) + cost(k + 1) + ... + cost(j): a running minimum.
-        total, before = np.cumsum(cost[i], axis=1), sums[i - 1]
-        entered = before.copy()
-        np.minimum(before[:, 1:], before[:, :-1] + cost[i][:, 1:], out=entered[:, 1:])
-        entered[:, 1:] -= total[:, :-1]
-        np.minimum.accumulate(entered, axis=1, out=entered)
-        sums[i] = entered + total
+        sums[i] = next_sums(sums[i - 1], cost[i])
     return sums
 
 

@@ -210,7 +210,7 @@ def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
         write_model(path, model)
     finally:
         model.header.parameters[missing] = model.PARAMETERS[missing].default
-    with pytest.raises(BadInput, match=f"lacks the parameter '{missing}'; learn it again"):
+    with pytest.raises(BadInput, match=f"it lacks '{missing}'; learn it again"):
         read_model(path)
 
 

@@ -225,7 +225,7 @@ class SpyModel(Phase):
         cls.learned.append(({e.subject for e in examples}, [(s.subject, len(s.tracks)) for s in streams]))
         return cls.learn(header, examples)
 
-    def cross_validated(self, cross_validation):
+    def cross_validated(self, folds, watched):
         raise NotImplementedError
 
 

@@ -14,7 +14,7 @@ from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
 from observer.learning.learn import learn_view
-from observer.model.chains import LivePostures, PostureEvidence, Postures, RestPostures
+from observer.model.chains import PostureEvidence, Postures, RestPostures
 from observer.model.phase import ENTRY, STEP_SHARES
 from observer.motion.projected import view_tracks
 from studies.performer import perform
@@ -214,12 +214,12 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
     counts: dict[float, list[int]] = {0.0: [], 1e-8: []}
     for recording in perform(("3",), labels, seed=4).recordings:
         exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in counts)
-        chosen = LivePostures(postures), LivePostures(postures)
+        chosen = [PostureEvidence(postures, at_rest, 1.0, 5.0) for _ in counts]
         reader = PostureReader(archive.body_parts, recording.rate_hz, max_speed=1.5, hands_weight=0.5)
         for tracks in view_tracks(DOOR, recording, archive.body_parts, archive.body_parts):
             features = reader.update(tracks)
             for belief, own, cells in zip((exact, quick), chosen, counts.values(), strict=True):
-                belief.step(CountedEvidence(PostureEvidence(own, at_rest, features, 1.0, 5.0), cells))
+                belief.step(CountedEvidence(own.see(features), cells))
             assert quick.posterior == pytest.approx(exact.posterior, abs=1e-3)
             assert quick.rest == pytest.approx(exact.rest, abs=1e-3)
     assert sum(counts[1e-8]) < 0.6 * sum(counts[0.0])

@@ -10,7 +10,7 @@ from common.vocabulary import Vocabulary
 from observer.learning.folds import FEWEST_FOLDS, fewer_folds, folds_by_recording
 from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibration
 from observer.model.base import Example, Header
-from observer.model.cross_validation import CrossValidation, LearnedFromOthers
+from observer.model.cross_validation import LearnedFromOthers
 from observer.model.parameters import FACINGS
 
 LABELS = ("bow", "lunge")
@@ -48,14 +48,14 @@ class Spy:
 class BatchSpy(Spy):
     """A model that evaluates all examples of a fold at once; it takes note of the folds and of its facings."""
 
-    SEEN: list[tuple[float, CrossValidation]] = []  # noqa: RUF012 - for the test to read
+    SEEN: list[tuple[float, list[list[int]], set[int]]] = []  # noqa: RUF012 - for the test to read
 
     @classmethod
     def learn_with_streams(cls, header, examples, streams):
         return cls.learn(header, examples)
 
-    def cross_validated(self, cross_validation):
-        self.SEEN.append((self.header.parameters["facings"], cross_validation))
+    def cross_validated(self, folds, watched):
+        self.SEEN.append((self.header.parameters["facings"], folds, watched))
         return LearnedFromOthers([])
 
 
@@ -145,13 +145,13 @@ def test_only_one_facing_is_evaluated():
 def test_a_fold_at_once_is_evaluated_at_all_facings_by_models_that_know_it_at_none(subjects, trials, left_out, facings):
     shown = examples(subjects, trials, facings)
     with_calibration(BatchSpy, BatchSpy(header(float(facings)), None), shown)
-    ((known, seen),) = BatchSpy.SEEN
-    assert known == facings and list(seen.examples) == shown
+    ((known, seen, watched),) = BatchSpy.SEEN
+    assert known == facings
     by_person = len(subjects) > 1
-    folds = [{e.subject if by_person else (e.subject, e.trial) for e in map(shown.__getitem__, f)} for f in seen.folds]
+    folds = [{e.subject if by_person else (e.subject, e.trial) for e in map(shown.__getitem__, f)} for f in seen]
     assert folds == left_out
-    assert sorted(n for fold in seen.folds for n in fold) == list(range(len(shown)))
-    watched = [shown[n] for n in seen.watched]
+    assert sorted(n for fold in seen for n in fold) == list(range(len(shown)))
+    watched = [shown[n] for n in watched]
     assert {e.facing for e in watched} == set(range(facings)) and {e.movement for e in watched} == {0, 1}
 
 
@@ -166,7 +166,7 @@ def test_the_folds_become_fewer_with_the_number_of_takes_one_by_one():
 def test_of_many_examples_at_many_facings_a_share_is_watched_evenly():
     shown = examples("abcdefghij", trials=[str(n) for n in range(10)], facings=12)
     with_calibration(BatchSpy, BatchSpy(header(12.0), None), shown)
-    watched = [shown[n] for n in BatchSpy.SEEN[0][1].watched]
+    watched = [shown[n] for n in BatchSpy.SEEN[0][2]]
     assert 0.9 * MOST_WATCHED <= len(watched) <= 1.1 * MOST_WATCHED
     of_facings = Counter(e.facing for e in watched)
     assert len(of_facings) == 12 and max(of_facings.values()) <= 2 * min(of_facings.values())

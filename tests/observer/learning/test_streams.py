@@ -90,7 +90,7 @@ class Streamed(Phase):
     def from_arrays(cls, header, arrays):
         return super().from_arrays(replace(header, background=None), arrays)
 
-    def cross_validated(self, cross_validation):
+    def cross_validated(self, folds, watched):
         return LearnedFromOthers([])
 
 

@@ -45,7 +45,7 @@ def log_likelihoods(rate_hz, features):
     """(Φ, 2) up to a constant, of two chains of 8 postures."""
     chains = np.random.default_rng(0).normal(0, 1, (2, 8, 17)).astype(np.float32)
     model = Phase(header(rate_hz), chains, np.arange(2), np.zeros(2, np.int64))
-    likelihood, _ = model.evidence(features, model.live_postures()).chains(None, 8)
+    likelihood, _ = model.evidence().see(features).chains(None, 8)
     return np.log(likelihood)
 
 

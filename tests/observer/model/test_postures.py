@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from observer.features import groups_of
 from observer.filtering.chain_filter import FLOOR
-from observer.model.chains import LivePostures, PostureEvidence, Postures, RestPostures
+from observer.model.chains import PostureEvidence, Postures, RestPostures
 
 PARTS, PHASES, CHAINS = 3, 4, 5
 GROUPS = groups_of(PARTS)
@@ -49,7 +49,7 @@ def test_distances_of_selected_chains(seed, missing, live):
 
 def evidence(features, postures, outlier=5.0, sharpness=1.0):
     at_rest = RestPostures(drawn(11, 1)[0].T, drawn(12, 1)[0].T, CELL_OF, (2, 2))
-    return PostureEvidence(LivePostures(Postures(postures)), at_rest, features, sharpness, outlier)
+    return PostureEvidence(Postures(postures), at_rest, sharpness, outlier).see(features)
 
 
 @some

@@ -17,11 +17,11 @@ from observer.model.base import (
     with_features,
 )
 from observer.model.body_trace import extent, places_and_differences
-from observer.model.cross_validation import CrossValidation
 from observer.model.held_out import STRANGE_FROM, STRANGE_SHARE, Watched, rows_of_fold, stacker_rows, streams_left_out
 from observer.model.logistic import LogisticRegression
 from observer.model.stacked import Stacked
 from observer.model.stacker import BEGIN_UNKNOWN, LOWEST
+from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
     RECOGNISABLE,
@@ -72,8 +72,7 @@ def examples(header):
 
 
 def traces_of(examples):
-    """(F, 9) traces, the last columns of what a stacked model reads."""
-    return [e.features[:, -9:].astype(np.float32) for e in examples]
+    return [e.features.astype(np.float32) for e in examples]
 
 
 @pytest.fixture(scope="module")
@@ -161,14 +160,14 @@ def test_a_movement_in_a_stream_is_shown_fully_from_a_share_of_its_span_on():
 
 
 def test_lengths_extents_and_the_usual_posture_are_those_of_the_examples(examples, table):
-    traces = traces_of(examples)
+    traces, memory = traces_of(examples), TrainingMemory(tuple(examples), ())
     for movement in range(3):
         own = [trace for trace, e in zip(traces, examples, strict=True) if e.movement == movement]
         largest = [max(extent(trace[: n + 1], RATE_HZ) for n in range(len(trace))) for trace in own]
         assert table.extents[movement] == pytest.approx(np.median(largest))
-        assert table.lengths[movement] == np.median([len(trace) for trace in own])
+        assert memory.lengths_of(movement) == [len(trace) for trace in own]
     everything = np.concatenate(traces)
-    np.testing.assert_allclose(table.usual_posture, everything[:, :6].mean(axis=0), rtol=1e-4)
+    np.testing.assert_allclose(memory.usual_posture, everything[:, :6].mean(axis=0), rtol=1e-4)
 
 
 def test_each_of_few_examples_counts_more(header, examples, table):
@@ -342,7 +341,7 @@ def test_each_fold_is_judged_by_a_model_of_the_others_at_any_number_of_facings(h
     folds = [[n for n, number in enumerate(numbers) if number // 8 == half] for half in (0, 1)]
     watched = {n for n, number in enumerate(numbers) if number % 8 < 4 and shown[n].facing in (0, facings - 1)}
     model = Stacked.learn(header, shown)
-    result = model.cross_validated(CrossValidation(shown, (), folds, watched, (0.6, 1.0)))
+    result = model.cross_validated(folds, watched)
     judged = [r for r in result.results if r.truth >= 0]
     assert len(judged) == len([n for n in watched if shown[n].movement >= 0])
-    assert np.mean([r.posteriors[-1].argmax() == r.truth for r in judged]) > 0.7
+    assert np.mean([r.judged == r.truth for r in judged]) > 0.7
