@@ -115,12 +115,12 @@ def _streams(
 ) -> list[Stream]:
     """Everything from which "something else" can be learned; labels: the movements of the background."""
     labelled = (*seen_from.vocabulary.labels, *labels)
-    added = MotionArchive(archive.body_parts, tuple(streams))
-    result = seen_from.streams([*streams_in(archive, labelled, unlabelled=True)], archive.body_parts, labels)
-    result += seen_from.streams([*streams_in(added, labelled, unlabelled=True)], archive.body_parts, labels)
-    if background is not None:
-        result += seen_from.streams([*streams_in(background, labelled, unlabelled=True)], background.body_parts, labels)
-    return result
+    sources = [archive, MotionArchive(archive.body_parts, tuple(streams)), *([background] if background else [])]
+    return [
+        stream
+        for source in sources
+        for stream in seen_from.streams([*streams_in(source, labelled, unlabelled=True)], source.body_parts, labels)
+    ]
 
 
 def _other_motion(streams: Sequence[Stream], rate_hz: float) -> dict[str, str]:

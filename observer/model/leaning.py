@@ -83,13 +83,12 @@ def large_shares(header: Header) -> dict[str, dict[str, float]]:
     """
     if len(regions_of(header.body_parts)) < 2:
         return {}
-    return {label: _large(row) for label, row in leans_on_of(header).items()}
-
-
-def _large(row: Mapping[str, float]) -> dict[str, float]:
-    total = sum(row.values())
-    ordered = sorted(row.items(), key=lambda item: -item[1])
-    return {region: nats / total for region, nats in ordered if nats / total >= LEAST_NATS_SHARE} if total > 0 else {}
+    shares = {}
+    for label, row in leans_on_of(header).items():
+        total, ordered = sum(row.values()), sorted(row.items(), key=lambda item: -item[1])
+        of_all = {region: nats / total for region, nats in ordered} if total > 0 else {}
+        shares[label] = {region: share for region, share in of_all.items() if share >= LEAST_NATS_SHARE}
+    return shares
 
 
 def region_shares(header: Header) -> BodyRegionShares | None:

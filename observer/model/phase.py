@@ -193,11 +193,8 @@ def step_probabilities(share: float) -> Floats:
 
     STEP_SHARES convolved with itself once per whole fifteenth; the remainder is one more step with that probability.
     """
-    whole, part = int(share), share - int(share)
-    steps = np.ones(1)
-    for _ in range(whole):
-        steps = np.convolve(steps, STEP_SHARES)
-    if part > 0:
+    steps, rest = np.ones(1), share % 1
+    for part in [1.0] * int(share) + [rest] * (rest > 0):
         once = part * np.array(STEP_SHARES)
         once[0] += 1 - part
         steps = np.convolve(steps, once)

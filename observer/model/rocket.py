@@ -183,19 +183,9 @@ def _tap_weights(length: int) -> Floats32:
 
 
 def biases_of(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(K, Q) quantiles of convolutions, as `row_quantiles`; a person who is still has 0, but for rounding."""
-    bias = row_quantiles(rows, quantiles)
+    """(K, n) convolutions, (K, Q) quantiles of each -> (K, Q); a person who is still has 0, but for rounding."""
+    bias = np.array([np.quantile(row, own) for row, own in zip(rows.astype(np.float64), quantiles, strict=True)])
     return np.where(np.abs(bias) < LEAST_BIAS, LEAST_BIAS, bias)
-
-
-def row_quantiles(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(K, n) rows and (K, Q) quantiles of each, 0 to 1 -> (K, Q), linear between neighbours."""
-    ordered = np.sort(rows.astype(np.float64), axis=1)
-    place = quantiles * (rows.shape[1] - 1)
-    below = np.floor(place).astype(np.int64)
-    low, high = (np.take_along_axis(ordered, np.minimum(below + step, rows.shape[1] - 1), axis=1) for step in (0, 1))
-    result: NDArray[np.float64] = low + (high - low) * (place - below)
-    return result
 
 
 def _limits(length: int, margin: int, biases: Floats32, number: int) -> Floats32:

@@ -82,12 +82,6 @@ def test_editing_keeps_the_background_except_for_promoted_movements(model, peopl
     assert smaller.header.vocabulary.labels == ("shake", "lunging")
 
 
-@pytest.mark.parametrize("kind", ["phase", "frame-table"])
-def test_a_kind_that_knows_nothing_else_learns_no_background(people, background, kind):
-    with pytest.raises(BadInput, match=f"model {kind}: learns no background; leave it out, or take --model stacked"):
-        learn_view(recordings_of(people, "12", WORDS.labels), DOOR, WORDS, kind=kind, background=background)
-
-
 def test_background_recordings_get_the_models_parts_and_rate(people):
     turned = MotionArchive(
         BODY_PARTS[::-1],
@@ -140,7 +134,7 @@ def test_learn_and_add_on_the_command_line(run, archives):
         (["--background", "blends", "--background-labels", "byebye"], "of which archive? name it with --background"),
         (["--background-labels", "byebye"], "of which archive? name it with --background"),
         (["--background", "none.npz"], "none.npz"),
-        (["--background", "blends", "--model", "frame-table"], "frame-table: learns no background"),
+        (["--background", "blends", "--model", "frame-table"], "model frame-table: learns no background; leave it out"),
         (["--background", "blends", "--add-to", "a.model"], "--background: only for a new model"),
     ],
 )

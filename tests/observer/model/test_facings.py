@@ -109,10 +109,6 @@ def test_a_still_person_is_at_rest_with_any_number_of_facings(model_of, people, 
     assert all(observer.step(frame).rest > 0.5 for frame in frames_of(still))
 
 
-def test_a_phase_model_does_not_know_something_else(calibrated, people):
-    assert all(posterior.unlearned is None for posterior in watched(calibrated, third(people)[0]))
-
-
 @pytest.mark.parametrize("facings", [0, 0.5, 1.5, MOST_FACINGS + 1, -8, math.nan, math.inf])
 def test_an_invalid_number_of_facings_is_rejected(facings):
     with pytest.raises(BadInput, match=r"facings = .*: a whole number from 1 to 72 is expected"):

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.model.rocket import CHUNK, MiniRocket, choose_dilations, row_quantiles
+from observer.model.rocket import CHUNK, MiniRocket, choose_dilations
 
 LENGTH, CHANNELS = 60, 6
 
@@ -105,13 +105,6 @@ def test_the_arrays_of_a_model_file_are_the_same_transform():
     rocket = MiniRocket.learn(windows, 700)
     read = MiniRocket.from_arrays(rocket.as_arrays())
     assert read.length == rocket.length and (read.transform(windows) == rocket.transform(windows)).all()
-
-
-def test_quantiles_of_rows_are_numpys():
-    rows, quantiles = np.random.default_rng(7).random((3, 11)), np.random.default_rng(8).random((3, 4))
-    expected = [np.quantile(row, q) for row, q in zip(rows, quantiles, strict=True)]
-    np.testing.assert_allclose(row_quantiles(rows, quantiles), expected)
-    np.testing.assert_allclose(row_quantiles(rows, np.ones((3, 1)))[:, 0], rows.max(axis=1))
 
 
 def test_bad_windows_are_rejected():

@@ -7,7 +7,7 @@ import pytest
 from performances import DOOR
 
 from common.vocabulary import Vocabulary
-from observer.learning.editing import add_movements, remove_movements
+from observer.learning.editing import remove_movements
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Stream, StreamSpan
 from observer.model.training_memory import TrainingMemory
@@ -76,10 +76,6 @@ def people():
     return perform(("1", "2"), ("ok", "shake", "lunging"), trials=2, seed=2)
 
 
-def of(archive, *labels):
-    return MotionArchive(archive.body_parts, tuple(r for r in archive.recordings if r.label in labels))
-
-
 def equal(one, other):
     assert one.header.background == other.header.background
     return all(np.array_equal(values, other.arrays()[name]) for name, values in one.arrays().items())
@@ -93,17 +89,3 @@ def test_forgetting_equals_not_having_learned_also_with_streams(people):
     wanted = learn_view(both, DOOR, Vocabulary(("ok", "shake")), calibrate=False)
     assert smaller.arrays()["stream_lengths"].tolist() == wanted.arrays()["stream_lengths"].tolist()
     assert smaller.header.vocabulary == wanted.header.vocabulary and not equal(learned, smaller)
-
-
-def test_a_movement_of_the_background_can_be_promoted(people):
-    learned = learn_view(
-        of(people, "ok", "shake"),
-        DOOR,
-        Vocabulary(("ok", "shake")),
-        calibrate=False,
-        background=of(people, "lunging"),
-    )
-    assert learned.header.background == ("lunging",)
-    grown = add_movements(learned, people, DOOR, labels=("lunging",))
-    assert grown.promoted == ("lunging",) and grown.model.header.background == ()
-    assert sorted(set(grown.model.arrays()["example_movements"].tolist())) == [0, 1, 2]

@@ -93,19 +93,6 @@ def test_targets_are_distributions_and_a_movement_is_shown_from_a_third_on(examp
             assert examples[one].movement != examples[other].movement and (rows.targets[:, -1] == 1.0).all()
 
 
-def test_another_seed_draws_other_kernels_and_the_same_one_the_same(header, examples, table):
-    def of(seed):
-        drawn = replace(header, parameters={**header.parameters, "seed": seed})
-        return TrainingTable(drawn, examples, ())
-
-    def arrays(table):
-        return [*table.trailing.as_arrays().values(), *table._segments.rocket.as_arrays().values()]
-
-    same, other = (arrays(of(seed)) for seed in (0.0, 1.0))
-    assert all(np.array_equal(a, b) for a, b in zip(arrays(table), same, strict=True))
-    assert not all(np.array_equal(a, b) for a, b in zip(arrays(table), other, strict=True))
-
-
 def test_rests_keep_the_movement_as_it_is(examples):
     trace = traces_of(examples)[0]
     shown = between_rests(trace, 12, 7, np.random.default_rng(0))
