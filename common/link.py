@@ -27,6 +27,7 @@ import zenoh
 
 from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
+from common.lost_peers import LostPeers, end_connections
 from common.subsession import Publisher, SubSession
 from common.zenoh_settings import ADMITTED, MeshRole, reason, settings
 
@@ -98,6 +99,9 @@ class Link(SubSession):
         # Hubs show what they receive, and that nothing arrives.
         if mode == "client" and role != "hub":
             threading.Thread(target=link._report_connection, args=(mesh,), daemon=True, name="connection").start()
+        # Observers hear of nobody but the fusion service: whoever listens to them finds them again.
+        if mode == "peer" and role in ("hub", "standby") and not listen:
+            threading.Thread(target=link._keep_peers, daemon=True, name="connection").start()
         return link
 
     @classmethod
@@ -147,6 +151,22 @@ class Link(SubSession):
                     known = routers
                     if not self.admitted(ADMISSION_TIMEOUT_S) and not self._closed.is_set():
                         log.warning("%s", _explain_rejection(mesh))
+
+    def _keep_peers(self) -> None:
+        """Find peers again that this process alone has lost, until the link is closed."""
+        lost, port = LostPeers(), int(self._endpoint.rpartition(":")[2].partition("#")[0].partition("?")[0] or 0)
+        while not self._closed.wait(CONNECTION_CHECK_S):
+            with suppress(zenoh.ZError):  # closed meanwhile
+                missed = lost.note(map(str, self._session.info.peers_zid()))
+                if missed and missed & self._linked_to_others():
+                    log.info("%s: peers were lost; connecting again", self._endpoint)
+                    end_connections(port)
+
+    def _linked_to_others(self) -> frozenset[str]:
+        """The ids of the peers that this process's peers are linked to."""
+        answers = [reply.ok for reply in self._session.get("@/*/peer", timeout=CONNECTION_CHECK_S)]
+        states = [json.loads(answer.payload.to_string()) for answer in answers if answer is not None]
+        return frozenset(str(session["peer"]) for state in states for session in state["sessions"])
 
     def admitted(self, timeout_s: float) -> bool:
         """Whether a router with access rules answers this process, because its certificate is in the rules."""

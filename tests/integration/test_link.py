@@ -3,17 +3,22 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 from processes import SOON_S, until
 
+from common import link
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
+from common.lost_peers import LOOKS, LostPeers
 from labanmesh_testing.mesh import Mesh
 
 FREE = MeshConfig(endpoint="tcp/127.0.0.1:0")
@@ -63,6 +68,44 @@ def test_peers_that_know_only_fusion_receive_from_each_other(peer):
     inbox = peer("hub").inbox("x/**")
     publisher_to(peer(), "x/a").put(b"1")
     assert payloads(inbox) == [b"1"]
+
+
+def cut_all_but(port):
+    """Cut this process's TCP connections of which neither end has this port; the number of their ends."""
+    cut = 0
+    for file in Path("/proc/self/fd").iterdir():
+        with suppress(OSError, ValueError), socket.socket(fileno=os.dup(int(file.name))) as each:
+            if each.family == socket.AF_INET and port not in (each.getpeername()[1], each.getsockname()[1]):
+                each.shutdown(socket.SHUT_RDWR)
+                cut += 1
+    return cut
+
+
+def test_peers_that_have_lost_each_other_alone_find_each_other_again(fusion, peer, monkeypatch):
+    """As after a stall of one of them that ends between two leases."""
+    looks = []
+
+    class Looked(LostPeers):
+        def note(self, linked):
+            looks.append(set(linked))
+            return super().note(looks[-1])
+
+    monkeypatch.setattr(link, "LostPeers", Looked)
+    monkeypatch.setattr(link, "CONNECTION_CHECK_S", 0.05)
+    inbox = peer("hub").inbox("x/**")
+    publisher = publisher_to(peer(), "x/a")
+    until(lambda: looks and len(looks[-1]) == 2)
+    assert cut_all_but(int(fusion.locator.rpartition(":")[2])) >= 2
+    until(lambda: publisher.put(b"1") or inbox.take(0.05))
+
+
+def test_a_peer_counts_as_lost_once_and_only_after_some_looks():
+    peers = LostPeers()
+    assert not peers.note("ab") and not any(peers.note("b") for _ in range(LOOKS - 1))
+    assert peers.note("b") == {"a"} and not any(peers.note("b") for _ in range(10))
+    # One that comes back was not lost, and may be lost again.
+    assert not any(peers.note(linked) for linked in ("ab", "b", "ab", *"bb", "ab"))
+    assert [peers.note("b") for _ in range(LOOKS)][-1] == {"a"}
 
 
 def test_one_inbox_takes_several_keys(fusion, peer):
