@@ -22,6 +22,8 @@ from hub import people, same_id
 from hub.verdict_log import with_verdict
 
 VERDICTS_LIMIT = 10
+VERDICTS_WAIT_LIMIT = 1000
+"""How many verdicts wait for a loop, or a broker, beyond which the oldest are dropped."""
 SHOWN_STRANGERS_LIMIT = 64
 """Processes that the scene file does not name are shown up to this number: names can be invented."""
 SOMETHING_ELSE = "something else"  # shown for an answer that is none of the movements; no label contains a space

@@ -16,7 +16,14 @@ from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.same_movement import SameMovement
 from common.wire import BadMessage, decode_from
-from hub.scene_state import MESSAGE_KINDS, SceneMessage, SceneState, SenderRole, is_abstention
+from hub.scene_state import (
+    MESSAGE_KINDS,
+    VERDICTS_WAIT_LIMIT,
+    SceneMessage,
+    SceneState,
+    SenderRole,
+    is_abstention,
+)
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -28,8 +35,6 @@ QUERY_S = 0.5
 QUERY_AGAIN_S = 2.0
 """How often a vocabulary that judgements refer to and that is unknown here is queried, and verdicts at most."""
 LISTENER_END_S = 5.0
-VERDICTS_WAIT_LIMIT = 1000
-"""How many verdicts wait for a loop, or a broker, beyond which the oldest are dropped."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ _labanmesh() {
             "demo "*) words="--motion --subject --output --seed --pixels --no-pixels" ;;
             "init "*) words="--source --look --no-look" ;;
             "up "*) words="--for --exit-when-done" ;;
-            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --beep --no-beep --up --rehearse --was --learn --earlier --restore --film --observer" ;;
+            "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --up --rehearse --was --learn --earlier --restore --film --observer" ;;
             "doctor "*) words="--json --for --verbose --cameras --observers --ready --process" ;;
             "watch "*) words="--json --for" ;;
             "dashboard "*) words="--capture --listen --token-file --teach --for" ;;
@@ -31,7 +31,7 @@ _labanmesh() {
             "forget "*) words="--person --label --all --clips --yes --labels -o --output" ;;
             "score "*) words="--references --label --subjects --trials --reference-trials --views --report --json" ;;
             "evaluate "*) words="--views --place --facing --sensor --labels --train-subjects --test-subjects --leave-one-subject-out --model --rule --parameter --turn --fault --uncalibrated --unlearned --background-labels --body-parts --onset --stream --background --background-subjects --other-motion --jobs --seed --report --json --paper --effort" ;;
-            "observe "*) words="--preview" ;;
+            "observe "*) words="" ;;
             "fuse "*) words="--id" ;;
             "router "*) words="--scene --config" ;;
             "secure init") words="--to" ;;

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.errors import BadInput
 
-VERSION = 2
+REGISTER_VERSION = 2
 """Of the file's form; version 1, of one scene, is still read."""
 TABLE_HEAD = ("certificate", "for", "state", "days left", "expires")
 
@@ -152,7 +152,7 @@ class Register:
 
     def to_json(self) -> str:
         """The register as text, which `from_json` reads."""
-        file = _File(version=VERSION, scenes=self.scenes, certificates=list(self.certificates))
+        file = _File(version=REGISTER_VERSION, scenes=self.scenes, certificates=list(self.certificates))
         return file.model_dump_json(indent=1, exclude={"scene"}) + "\n"
 
     @classmethod
@@ -166,10 +166,10 @@ class Register:
             fault = f"{where}: not a register of labanmesh: {at} {first['msg']}".replace("\n", " ")
             raise BadInput(f"{fault}. Copy register.json again from the authority's folder") from None
         scenes = file.scenes or ((file.scene,) if file.scene else ())
-        if file.version not in (1, VERSION) or not scenes:
+        if file.version not in (1, REGISTER_VERSION) or not scenes:
             raise BadInput(
                 f"{where}: version {file.version} with {len(scenes)} scenes, this labanmesh reads versions 1 and "
-                f"{VERSION}. Install the version that wrote it"
+                f"{REGISTER_VERSION}. Install the version that wrote it"
             )
         return cls(scenes, tuple(file.certificates))
 

@@ -20,8 +20,7 @@ from hub.mqtt.counters import Counters
 from hub.mqtt.entities import Topics, discovery
 from hub.mqtt.events import EVENT_S, Publication, VerdictEvents, early_event, last_event_state, last_verdict_state
 from hub.mqtt.states import RetainedState, SceneSnapshot, reported_facets, retained_states
-from hub.scene_state import SceneState
-from hub.session import VERDICTS_WAIT_LIMIT
+from hub.scene_state import VERDICTS_WAIT_LIMIT, SceneState
 
 if TYPE_CHECKING:
     from common.config import Scene
