@@ -23,7 +23,7 @@ _labanmesh() {
             "camera look") words="--tracker -o --output --frames --pose-model --skin --face --save-skin --view --recording --show" ;;
             "camera calibrate") words="--board --points --read --lens -o --output --origin --lying --apart --up --every" ;;
             "camera place") words="--seconds --observers --gate" ;;
-            "camera record") words="-o --output --subject --label --other-motion --trial --seconds --observers --rate --tracks --body-parts --gate --up --front --trim" ;;
+            "camera record") words="-o --output --subject --label --other-motion --trial --seconds --observers --rate --gate --up --front --trim" ;;
             "camera "*) words="look calibrate place record" ;;
             "phone "*) words="--listen --host --certificate --teach --no-teach --list --revoke --fetch --from --for" ;;
             "import "*) words="-o --output --seen-from" ;;

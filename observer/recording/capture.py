@@ -1,6 +1,5 @@
 """Reads several calibrated cameras at once, each in its own thread, until they end or enough was recorded."""
 
-import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
@@ -13,11 +12,9 @@ from common.config import Scene
 from common.errors import BadInput
 from common.text import plural
 from observer.foreign.sources import MeshTracks
-from observer.motion.archive import Recording
-from observer.recording.own_tracks import TracksRecorder
 from observer.recording.reconstruction import CameraTracks
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
-from observer.tracks import BODY_PARTS, Floats, Frame, Tracker, Tracks
+from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
 
 PROGRESS_S = 0.2
 """Interval of the progress reports."""
@@ -44,18 +41,6 @@ class CameraReader:
         self._limit_ns = None if seconds is None else round(seconds * SECOND_NS)
         self._at_ns: list[int] = []
         self._centres: list[Floats] = []
-        self.picture_size: tuple[int, int] | None = None
-        """Width and height in px, known with the first picture; None for sources without pictures."""
-
-    @property
-    def name(self) -> str:
-        """The name of the camera."""
-        return self._camera.name
-
-    @property
-    def body_parts(self) -> tuple[str, ...]:
-        """The body parts that its tracker finds."""
-        return tuple(self._camera.tracker.body_parts)
 
     @property
     def seconds(self) -> float:
@@ -72,21 +57,8 @@ class CameraReader:
                 if frame.motion_ns is None:
                     self._stop.set()
                 return
-            if frame.content.dtype == np.uint8:
-                self.picture_size = (frame.content.shape[1], frame.content.shape[0])
             self._at_ns.append(frame.at_ns)
             self._centres.append(self._camera.tracker.update(frame).centres.copy())
-
-    def cut(self, blank: Recording) -> Recording:
-        """`blank`, which has no frames, with all 2-D tracks recorded so far, at its rate.
-
-        Raises BadInput as `TracksRecorder.cut` does.
-        """
-        recorder = TracksRecorder(self._camera.tracker.body_parts, blank.rate_hz, math.inf)
-        for at_ns, centres in zip(self._at_ns, self._centres, strict=True):
-            recorder.update(Frame(at_ns, np.empty(0)), Tracks(centres))
-        begin_ns, end_ns = (self._at_ns[0], self._at_ns[-1]) if self._at_ns else (0, 0)
-        return recorder.cut(begin_ns, end_ns, label=blank.label, subject=blank.subject, trial=blank.trial)
 
     def tracks(self) -> CameraTracks:
         """The tracks recorded so far."""
@@ -111,16 +83,6 @@ def read_cameras(
     parts = {tuple(camera.tracker.body_parts) for camera in cameras}
     if len(parts) > 1:
         raise BadInput(f"trackers find different body parts: {'; '.join(', '.join(p) for p in sorted(parts))}")
-    return [reader.tracks() for reader in read_all(cameras, stop, seconds, progress)]
-
-
-def read_all(
-    cameras: Sequence[RecordingCamera],
-    stop: threading.Event,
-    seconds: float | None = None,
-    progress: Progress = lambda _: None,
-) -> list[CameraReader]:
-    """As `read_cameras`, but for trackers of any body parts, and with what each camera saw for itself."""
     readers = [CameraReader(camera, stop, seconds) for camera in cameras]
     with ThreadPoolExecutor(len(cameras), thread_name_prefix="camera") as pool:
         running = {pool.submit(reader.run) for reader in readers}
@@ -132,7 +94,7 @@ def read_all(
                 progress(min(reader.seconds for reader in readers))
         finally:
             stop.set()
-    return readers
+    return [reader.tracks() for reader in readers]
 
 
 def open_cameras(
@@ -157,41 +119,23 @@ def open_cameras(
             f"{plural(len(chosen), 'observer')} with a camera file as view{names}; at least two are needed; "
             "labanmesh camera calibrate writes camera files"
         )
-    whole = _at_full_speed(scene)
-    opened = {name: _opened(whole, name, BODY_PARTS, smooth=False) for name in chosen}
+    sections = {name: scene.observer(name).model_copy(update={"speed": 0.0, "loop": False}) for name in scene.roster}
+    whole = scene.model_copy(update={"observers": sections})
+    opened = {name: _opened(whole, name) for name in chosen}
     tracked_parts = [inputs.tracker.tracker.body_parts for inputs in opened.values()]
     others = [part for part in (tracked_parts[0] if also is None else also) if part not in BODY_PARTS]
     parts = (*BODY_PARTS, *(part for part in others if all(part in each for each in tracked_parts)))
-    return [_camera(name, inputs, parts, stop) for name, inputs in opened.items()]
+    return [
+        RecordingCamera(name, inputs.source.frames(stop), inputs.tracker.of_parts(parts), inputs.view.matrix)
+        for name, inputs in opened.items()
+    ]
 
 
-def open_observers(
-    scene: Scene, observers: Sequence[str], body_parts: Sequence[str] | None, stop: threading.Event
-) -> list[RecordingCamera]:
-    """The observers, calibrated or not, to record these parts of their tracks; recorded sources play at full speed.
-
-    body_parts: None: all that each tracker finds. Raises BadInput for a part that a tracker does not find, for tracks
-    from the mesh, and as `open_inputs` does.
-    """
-    whole = _at_full_speed(scene)
-    opened = {name: _opened(whole, name, body_parts, smooth=True) for name in observers}
-    return [_camera(name, inputs, body_parts or inputs.tracker.body_parts, stop) for name, inputs in opened.items()]
-
-
-def _at_full_speed(scene: Scene) -> Scene:
-    sections = {name: scene.observer(name).model_copy(update={"speed": 0.0, "loop": False}) for name in scene.roster}
-    return scene.model_copy(update={"observers": sections})
-
-
-def _opened(scene: Scene, name: str, body_parts: Sequence[str] | None, smooth: bool) -> ObserverInputs:
-    inputs = open_inputs(scene, name, body_parts, smooth=smooth)
+def _opened(scene: Scene, name: str) -> ObserverInputs:
+    inputs = open_inputs(scene, name, BODY_PARTS, smooth=False)
     if isinstance(inputs.source, MeshTracks):
         raise BadInput(f"observers.{name}.source: tracks from the mesh cannot be recorded; name a camera")
     return inputs
-
-
-def _camera(name: str, inputs: ObserverInputs, body_parts: Sequence[str], stop: threading.Event) -> RecordingCamera:
-    return RecordingCamera(name, inputs.source.frames(stop), inputs.tracker.of_parts(body_parts), inputs.view.matrix)
 
 
 def _is_calibrated(scene: Scene, name: str) -> bool:

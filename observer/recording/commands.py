@@ -1,7 +1,8 @@
-"""The command `record`: several calibrated cameras add one recording to a motion archive, or each camera its tracks."""
+"""The commands `record` and `place`: several calibrated cameras add one recording to a motion archive, or see where the
+person stands."""
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,8 +16,6 @@ from common.text import plural, split_list
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive, Recording
-    from observer.recording.capture import CameraReader, RecordingCamera
-    from observer.recording.tracks_file import TracksFile
 
 
 Gate = Annotated[
@@ -33,14 +32,14 @@ class RecordOptions:
 
     scene: Annotated[
         Path,
-        typer.Argument(help="The scene file; its observers with a camera file as view are recorded; --tracks: all."),
+        typer.Argument(help="The scene file; its observers with a camera file as view are recorded."),
     ]
     output: Annotated[
         Path,
         typer.Option(
             "-o",
             "--output",
-            help="The motion archive (.npz); an existing one is extended. --tracks of several observers: a folder.",
+            help="The motion archive (.npz); an existing one is extended.",
         ),
     ]
     subject: Annotated[str, typer.Option(help="The performer.")]
@@ -56,16 +55,7 @@ class RecordOptions:
         float | None, typer.Option(min=0.1, max=86_400, help="Duration; by default until the sources end or Ctrl-C.")
     ] = None
     observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = ""
-    rate: Annotated[
-        float | None, typer.Option(min=1, max=1000, help="Rate of the recording, Hz; default 30, or 15 with --tracks.")
-    ] = None
-    tracks: Annotated[
-        bool,
-        typer.Option("--tracks", help="Record what each observer's tracker finds, in 2-D: one camera is enough."),
-    ] = False
-    body_parts: Annotated[
-        str, typer.Option(help="With --tracks: the parts to record, separated by commas; default: all it finds.")
-    ] = ""
+    rate: Annotated[float, typer.Option(min=1, max=1000, help="Rate of the recording, Hz.")] = 30.0
     gate: Gate = None
     up: Annotated[str, typer.Option(help="The axis of the calibration that points up: x, -x, y, -y, z or -z.")] = "y"
     front: Annotated[str, typer.Option(help="The axis along which the performer faces.")] = "-z"
@@ -74,24 +64,16 @@ class RecordOptions:
 
 @takes_options
 def record(options: RecordOptions) -> None:
-    """Record one movement with several calibrated cameras, and add its positions in space to a motion archive; or with
-    --tracks add the 2-D tracks of one camera, which need no calibration, to an archive of that camera.
+    """Record one movement with several calibrated cameras, and add its positions in space to a motion archive.
+
+    A single camera, or cameras without calibration, record in a lesson: labanmesh teach.
 
     Example: labanmesh camera record scene.toml -o mine.npz --label wave --subject anna --seconds 5
 
     Example: labanmesh camera record scene.toml -o life.npz --other-motion --subject anna --seconds 300
-
-    Example: labanmesh camera record scene.toml --tracks --observers sofa -o sofa.npz --label wave --subject anna
     """
     if bool(options.label) == options.other_motion:
         raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
-    if options.tracks:
-        _record_tracks(options)
-    else:
-        _record_in_space(options)
-
-
-def _record_in_space(options: RecordOptions) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
     from observer.recording.new_recording import appended
@@ -100,12 +82,10 @@ def _record_in_space(options: RecordOptions) -> None:
 
     log_to_stderr()
     performer_axes(options.up, options.front)
-    if options.body_parts:
-        raise BadInput("--body-parts: only with --tracks; positions in space are of all parts that the cameras find")
     output = options.output
     before = read_archive(output) if output.exists() else None
     if before is not None and before.camera is not None:
-        raise BadInput(f"{output}: holds 2-D tracks; give --tracks, or choose another file with -o")
+        raise BadInput(f"{output}: holds 2-D tracks; choose another file with -o")
     # Ctrl-C is how a recording without --seconds ends, so what was recorded until then is kept.
     with stop_on_signals() as stop:
         try:
@@ -120,86 +100,14 @@ def _record_in_space(options: RecordOptions) -> None:
     typer.echo(f"{output}: added {seconds_added:.1f} s, now {plural(len(archive.recordings), 'recording')}")
 
 
-def _record_tracks(options: RecordOptions) -> None:
-    from common.config import read_scene
-    from common.lifecycle import log_to_stderr, stop_on_signals
-    from observer.recording.capture import open_observers, read_all
-    from observer.recording.own_tracks import RECORDING_HZ
-    from observer.recording.reconstruction import FRONT, UP
-    from observer.recording.tracks_file import tracks_files
-
-    log_to_stderr()
-    if (options.up, options.front, options.gate) != (UP, FRONT, None):
-        raise BadInput("--tracks: is about one camera at a time; omit --up, --front and --gate")
-    parts = split_list("--body-parts", options.body_parts)
-    scene = read_scene(options.scene)
-    observers = split_list("--observers", options.observers) or scene.roster
-    for observer in observers:
-        scene.observer(observer)
-    paths, blank = tracks_files(options.output, observers), _blank(options, RECORDING_HZ)
-    with stop_on_signals() as stop, ProgressBar() as bar:
-        cameras = open_observers(scene, observers, parts or None, stop)
-        files = {camera.name: _tracks_file(paths[camera.name], camera, exactly=bool(parts)) for camera in cameras}
-        blanks = {observer: file.with_trial(blank) for observer, file in files.items()}
-        _announce(blanks, options.seconds)
-        readers = read_all(cameras, stop, options.seconds, _progress(bar, options.seconds))
-    faults = [_add_take(reader, files[reader.name], blanks[reader.name], options.trim) for reader in readers]
-    if any(faults):
-        raise BadInput("; ".join(filter(None, faults)))
-
-
-def _tracks_file(path: Path, camera: "RecordingCamera", exactly: bool) -> "TracksFile":
-    """The file for the camera's tracks; exactly: it may not have other parts."""
-    from observer.motion.archive import TracksCamera
-    from observer.recording.tracks_file import TracksFile
-
-    file = TracksFile(path, camera.tracker.body_parts, TracksCamera(camera.name))
-    if not exactly:
-        file.widen(camera.tracker.body_parts)
-    return file
-
-
-def _add_take(reader: "CameraReader", file: "TracksFile", blank: "Recording", trim: bool) -> str:
-    """Add what a camera recorded to its file, and print so; returns why there is nothing to add, "" if there is."""
-    from observer.motion.archive import TracksCamera
-    from observer.recording.own_tracks import in_parts, quality_line, trimmed, watched_parts
-
-    parts = reader.body_parts
-    try:
-        take = reader.cut(blank)
-    except BadInput as error:
-        return f"{reader.name}: {error}"
-    if reader.picture_size:
-        file.camera = TracksCamera(reader.name, reader.picture_size)
-    take = trimmed(take, parts, watched_parts(parts)) if trim else take
-    take = file.add(in_parts(take, parts, file.body_parts))
-    typer.echo(f"{file.path}: {quality_line(take, file.body_parts)}; now {plural(len(file.recordings), 'recording')}")
-    return ""
-
-
-def _announce(blanks: "Mapping[str, Recording]", seconds: float | None) -> None:
-    until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
-    first = next(iter(blanks.values()))
-    trials = ", ".join(f"{observer} (trial {blank.trial})" for observer, blank in blanks.items())
-    typer.echo(f"recording {first.label or 'other motion'} by {first.subject} with {trials}, {until}")
-
-
-def _blank(options: RecordOptions, rate_hz: float) -> "Recording":
-    """The recording to be made, without frames."""
-    import numpy as np
-
-    from observer.motion.archive import Recording
-
-    trial = "" if options.trial is None else str(options.trial)
-    empty = np.zeros((0, 0, 3), np.float32)
-    return Recording(empty, options.rate or rate_hz, options.label, options.subject, trial)
-
-
 def _recorded(
     options: RecordOptions, before: "MotionArchive | None", stop: threading.Event
 ) -> "tuple[Recording, tuple[str, ...], Sequence[str]]":
     """A recording for the archive `before`, its body parts, and lines about its quality."""
+    import numpy as np
+
     from common.config import read_scene
+    from observer.motion.archive import Recording
     from observer.recording.capture import open_cameras, read_cameras
     from observer.recording.new_recording import build_recording, with_trial
 
@@ -207,7 +115,9 @@ def _recorded(
     with ProgressBar() as bar:
         cameras = open_cameras(read_scene(options.scene), observers, stop, before.body_parts if before else None)
         parts = tuple(cameras[0].tracker.body_parts)
-        blank = with_trial(_blank(options, 30.0), before, parts, str(options.output))
+        trial, empty = "" if options.trial is None else str(options.trial), np.zeros((0, 0, 3), np.float32)
+        blank = Recording(empty, options.rate, options.label, options.subject, trial)
+        blank = with_trial(blank, before, parts, str(options.output))
         until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
         names = ", ".join(camera.name for camera in cameras)
         typer.echo(

@@ -167,12 +167,6 @@ def in_parts(recording: Recording, recorded: Sequence[str], wanted: Sequence[str
     return replace(recording, positions=positions)
 
 
-def seen_shares(recording: Recording, body_parts: Sequence[str]) -> dict[str, float]:
-    """The share of frames in which each part is seen."""
-    shares = np.isfinite(recording.positions).all(axis=2).mean(axis=0)
-    return dict(zip(body_parts, shares.tolist(), strict=True))
-
-
 def shares_text(shares: Mapping[str, float]) -> str:
     """The share of each part; of more than hands and head, the smallest and the largest share of the others."""
     others = [share for part, share in shares.items() if part not in BODY_PARTS]
@@ -180,14 +174,3 @@ def shares_text(shares: Mapping[str, float]) -> str:
         return ", ".join(f"{part} {share:.0%}" for part, share in shares.items())
     named = ", ".join(f"{part} {share:.0%}" for part, share in shares.items() if part in BODY_PARTS)
     return f"{named}, {plural(len(others), 'other')} {min(others):.0%} to {max(others):.0%}"
-
-
-def quality_line(recording: Recording, body_parts: Sequence[str]) -> str:
-    """What was recorded, how well each part was seen, and a warning if the person of a movement did not move."""
-    shares = shares_text(seen_shares(recording, body_parts))
-    seconds = len(recording.positions) / recording.rate_hz
-    line = f"added {seconds:.1f} s of {recording.label or 'other motion'}, trial {recording.trial} ({shares})"
-    watched = watched_parts(body_parts)
-    if recording.label and moving_frames(in_parts(recording, body_parts, watched), watched) == (0, 0):
-        line += "; the person does not move in it: record it again"
-    return line

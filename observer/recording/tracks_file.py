@@ -4,26 +4,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from common.errors import BadInput, LabanmeshError, reason_of
+from common.errors import BadInput, LabanmeshError
 from observer.files import SHARED, remove_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
 from observer.recording.new_recording import appended, with_trial
 from observer.recording.own_tracks import in_parts
-
-
-def tracks_files(output: Path, observers: Sequence[str]) -> dict[str, Path]:
-    """The file of each observer: `output` for a single one, else ID.npz in the folder `output`, which is made.
-
-    Raises BadInput if the folder cannot be made.
-    """
-    if len(observers) == 1 and not output.is_dir():
-        return {observers[0]: output}
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInput(f"cannot make the folder {output}: {reason_of(error)}. Choose another one with -o") from None
-    return {observer: output / f"{observer}.npz" for observer in observers}
 
 
 class TracksFile:

@@ -90,10 +90,10 @@ JOBS = (
     Job("camera look mediapipe", "camera look film.avi --tracker mediapipe", "mediapipe", line="newest picture"),
     Job(
         "camera record",
-        "camera record film.toml --tracks --label wave --subject anna --seconds 0.3 -o tracks",
+        "camera record seen.toml --label wave --subject anna --seconds 0.3 -o mine.npz",
         "observer",
         2,
-        "nobody was seen",
+        "nothing was recorded",
     ),
     Job("camera place", "camera place seen.toml --seconds 0.3", "observer", 2, "labanmesh camera look shows"),
     Job("learn", "learn known.npz --view yaw:30 -o new.model", "observer", line="new.model: stacked"),
