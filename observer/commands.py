@@ -114,16 +114,16 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
 def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs") -> "ObserverLike":
     """The observer, which complains while it is too slow; pictures in real time are tracked only when needed."""
     from common.load import LoadMeter
-    from observer.runtime.service import MeteredObserver
+    from observer.runtime.service import ObserverAround
 
     if inputs.keeps_all or not inputs.pictures:
-        return MeteredObserver(observer, LoadMeter("frames", LIGHTEN))
+        return ObserverAround(observer, LoadMeter("frames", LIGHTEN))
     # Imported on use: it needs OpenCV.
     from observer.runtime.paced_observer import PacedObserver
-    from observer.runtime.pacing import PaceLimits, TrackingPace
+    from observer.runtime.pacing import TrackingPace
 
     section = scene.observer(observer_id)
-    pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
+    pace = TrackingPace(section.max_hz, section.idle_hz)
     return PacedObserver(observer, inputs.tracker, pace, scene.fusion, LoadMeter("pictures", LIGHTEN))
 
 

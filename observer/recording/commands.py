@@ -76,9 +76,8 @@ def record(options: RecordOptions) -> None:
         raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
-    from observer.recording.new_recording import appended
+    from observer.recording.new_recording import NothingRecorded, appended
     from observer.recording.reconstruction import performer_axes
-    from observer.recording.visibility import NothingRecorded
 
     log_to_stderr()
     performer_axes(options.up, options.front)

@@ -1,11 +1,12 @@
 """One new recording of a motion archive: its name, its positions and a report of their quality; pure."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from common.errors import BadInput
+from common.text import plural
 from observer.motion.archive import ARCHIVE_LABEL_RULE, MotionArchive, Recording, is_label
 from observer.recording.own_tracks import shares_text
 from observer.recording.reconstructed_parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
@@ -20,7 +21,6 @@ from observer.recording.reconstruction import (
     remove_spikes,
     to_performer_axes,
 )
-from observer.recording.visibility import NothingRecorded, cause_of, visibility_lines
 from observer.tracks import BODY_PARTS, Floats
 
 AROUND_S = 0.1
@@ -188,3 +188,51 @@ def _camera_line(n: int, name: str, result: Reconstruction) -> str:
     if share > OUTLIER_SHARE:
         return f"{name}: rejected in {share:.0%} of what it saw; check its calibration and its tracker"
     return ""
+
+
+NOBODY_SEEN = (
+    "no camera saw any part",
+    "labanmesh camera look SOURCE shows what a tracker finds. camshift needs a face that looks at the camera, or the "
+    'colour of the skin (skin = "skin.npz" in the scene file); tracker = "mediapipe" needs neither',
+)
+ONE_VIEW = (
+    "no part was seen by two cameras at one moment",
+    "Stand where at least two cameras see face and hands, nearer or in better light; or set "
+    'tracker = "mediapipe" in the scene file',
+)
+DISAGREE = (
+    "the cameras saw the same parts, and no two agree where they are",
+    "Calibrate the cameras again, or give their pictures the size that their camera files state; a larger --gate "
+    "lets coarse tracks pass",
+)
+
+
+class NothingRecorded(BadInput):
+    """No position was found. lines: what each camera saw, for people."""
+
+    def __init__(self, cause: str, lines: Sequence[str]) -> None:
+        super().__init__(f"nothing was recorded: {cause}")
+        self.lines = tuple(lines)
+
+
+def cause_of(result: Reconstruction) -> str:
+    """Why no part has a position, and what to do, in one line."""
+    twice = (result.observed.sum(axis=-1) > 1).any()
+    cause, remedy = NOBODY_SEEN if not result.observed.any() else DISAGREE if twice else ONE_VIEW
+    return f"{cause}. {remedy}"
+
+
+def visibility_lines(
+    tracks: Sequence[CameraTracks], body_parts: Sequence[str], result: Reconstruction | None = None
+) -> Iterator[str]:
+    """One line for each camera: in how many of its pictures it saw each part; and how often two did at one moment."""
+    for camera in tracks:
+        counts = np.isfinite(camera.centres).all(axis=-1).sum(axis=0)
+        words = ", ".join(f"{part} in {count}" for part, count in zip(body_parts, counts.tolist(), strict=True))
+        pictures = plural(len(camera.at_ns), "picture")
+        line = f"{pictures}; saw {words}" if len(camera.at_ns) else "no picture"
+        yield f"{camera.name}: {line}{f'; its tracker says: {camera.complaint}' if camera.complaint else ''}"
+    if result is not None:
+        twice = (result.observed.sum(axis=-1) > 1).sum(axis=0)
+        words = ", ".join(f"{part} in {count}" for part, count in zip(body_parts, twice.tolist(), strict=True))
+        yield f"two cameras at one moment: {words} of {plural(len(result.observed), 'instant')}"

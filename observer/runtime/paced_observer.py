@@ -1,4 +1,4 @@
-"""Looks at a picture only when there can be something new in it (pacing.py, motion_gate.py)."""
+"""Looks at a picture only when there can be something new in it (pacing.py)."""
 
 import time
 from collections import deque
@@ -13,10 +13,9 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
 from observer.camera.base import Picture
-from observer.runtime.motion_gate import COLUMNS, ROWS, Cells, MotionGate
-from observer.runtime.pacing import TrackingPace
+from observer.runtime.pacing import COLUMNS, ROWS, Cells, MotionGate, TrackingPace
 from observer.runtime.pipeline import Posterior
-from observer.runtime.service import MeteredObserver, ObserverLike
+from observer.runtime.service import ObserverAround, ObserverLike
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
@@ -74,7 +73,7 @@ class HeldTracker:
         return replace(tracks, centres=np.where(np.isfinite(tracks.centres), means, np.nan))
 
 
-class PacedObserver(MeteredObserver):
+class PacedObserver(ObserverAround):
     """An `ObserverLike` that skips pictures, which then have no posterior.
 
     prepared: the tracker that `observer` steps. fusion: which posteriors stay fresh. While nobody moves and the
@@ -92,6 +91,7 @@ class PacedObserver(MeteredObserver):
         cpu_s: Callable[[], float] = time.process_time,
     ) -> None:
         super().__init__(observer, meter)
+        self._late = meter
         self._prepared, self._pace, self._fusion = prepared, pace, fusion
         prepared.tracker = self._held = HeldTracker(prepared.tracker, cpu_s)
         self._gate, self._skipped = MotionGate(), False
@@ -110,7 +110,7 @@ class PacedObserver(MeteredObserver):
             return None
         self._stepped_ns = at_ns
         if due:
-            self._meter.record(at_ns, missed)
+            self._late.record(at_ns, missed)
             self._lost = 0
         self._held.hold, self._held.resting = not due, self._pace.quiet(at_ns)
         posterior = self._observer.step(frame)

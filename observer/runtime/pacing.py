@@ -2,7 +2,7 @@
 
 1. While the person moves the tracker is run `max_hz` times a second; by default as often as ACTIVE_SHARE of a core
    allows.
-2. A person whose body parts have stayed where they are for STILL_S, in pictures that do not change (motion_gate.py), is
+2. A person whose body parts have stayed where they are for STILL_S, in pictures that do not change (`MotionGate`), is
    at rest: then `idle_hz`; by default what costs REST_SHARE of a core, and at least LEAST_IDLE_HZ.
 3. If the tracker has found nobody for NOBODY_S, and the pictures do not change, it searches as often as costs
    EMPTY_SHARE of a core, and never more often than at rest.
@@ -12,10 +12,10 @@
 """
 
 from collections import deque
-from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common import SECOND_NS
 from observer.tracks import Floats, Tracks
@@ -38,19 +38,14 @@ COSTS = 9
 """The cost of a run is the median of so many: single ones are disturbed."""
 
 
-@dataclass(frozen=True, slots=True)
-class PaceLimits:
-    """Runs of the tracker per second, as in [observers.ID]; None: by their cost."""
-
-    max_hz: float | None = None
-    idle_hz: float | None = None
-
-
 class TrackingPace:
-    """Decides for each picture whether the tracker is run. Times are capture times, ns."""
+    """Decides for each picture whether the tracker is run. Times are capture times, ns.
 
-    def __init__(self, limits: PaceLimits | None = None) -> None:
-        self._limits = limits or PaceLimits()
+    max_hz, idle_hz: runs of the tracker per second, as in [observers.ID]; None: by their cost.
+    """
+
+    def __init__(self, max_hz: float | None = None, idle_hz: float | None = None) -> None:
+        self._max_hz, self._idle_hz = max_hz, idle_hz
         self._costs: deque[float] = deque(maxlen=COSTS)
         self._empty_costs: deque[float] = deque(maxlen=COSTS)
         self._tracks: deque[tuple[int, Floats]] = deque()
@@ -73,7 +68,7 @@ class TrackingPace:
         return self.confirmed_quiet and not changed
 
     def due(self, at_ns: int, changed: bool) -> bool:
-        """Whether to run the tracker on this picture. changed: it differs from those before (motion_gate.py)."""
+        """Whether to run the tracker on this picture. changed: it differs from those before (`MotionGate`)."""
         was_quiet = self.quiet(at_ns)
         if self._before_ns and not 0 <= at_ns - self._before_ns <= SECOND_NS:
             self._due_ns = at_ns  # the clock was set, or the camera was away
@@ -114,8 +109,8 @@ class TrackingPace:
     def rate_hz(self, at_ns: int) -> float:
         """Runs of the tracker per second at this time; infinite: each picture."""
         cost_s = median(self._costs) if self._costs else 0.0
-        active_hz = self._limits.max_hz or _within(ACTIVE_SHARE, cost_s)
-        idle_hz = min(self._limits.idle_hz or max(_within(REST_SHARE, cost_s), LEAST_IDLE_HZ), active_hz)
+        active_hz = self._max_hz or _within(ACTIVE_SHARE, cost_s)
+        idle_hz = min(self._idle_hz or max(_within(REST_SHARE, cost_s), LEAST_IDLE_HZ), active_hz)
         if self.quiet(at_ns):
             if not self.empty:
                 return idle_hz
@@ -153,3 +148,74 @@ def is_still(places: Floats) -> bool:
     size = max((float(np.hypot(*(one - other))) for n, one in enumerate(middles) for other in middles[:n]), default=0.0)
     ways = np.hypot(*(most - least).T)
     return bool(ways.max() <= max(STILL * size, STILL_PX))
+
+
+Cells = NDArray[np.float32]
+
+ROWS, COLUMNS = 60, 80
+AVERAGE_S, LEARN_S = 0.7, 3.0
+CELLS, LEAST_GREY, NOISES = 2, 4.0, 6.0
+LEARN_EVERY_S, WAITS_S = 0.1, 0.5
+"""A difference is learned as noise only if so much later nobody has moved: the begin of a movement is none."""
+MOST_CHANGED = 0.6
+"""If more of the cells have changed the light has, or the camera: the mean starts over."""
+
+
+class MotionGate:
+    """Notices that something begins to move in pictures of nobody who moves; far cheaper than a tracker.
+
+    A picture of ROWS x COLUMNS cells of grey has changed if CELLS of them or more differ from their mean over the last
+    AVERAGE_S by more than LEAST_GREY and by more than NOISES times what they differ by while nobody moves, which is
+    learned cell by cell. Before the comparison the mean is brought to the picture's brightness.
+    """
+
+    def __init__(self) -> None:
+        self._mean: Cells | None = None
+        self._variance: Cells = np.zeros((ROWS, COLUMNS), np.float32)
+        self._limit: Cells = np.full((ROWS, COLUMNS), LEAST_GREY, np.float32)
+        self._waiting: deque[tuple[int, Cells, float]] = deque()
+        self._before_ns, self._unlearned_s = 0, 0.0
+
+    def forget(self) -> None:
+        """Somebody moves: the next picture is the first to compare with. What was learned of noise stays."""
+        self._mean = None
+        self._waiting.clear()
+
+    def update(self, cells: Cells, at_ns: int) -> bool:
+        """Whether this picture, captured at `at_ns`, has changed."""
+        seconds = min(max((at_ns - self._before_ns) / SECOND_NS, 0.0), 1.0)
+        self._before_ns = at_ns
+        if self._mean is None:
+            self._mean = cells.copy()
+            return False
+        mean = self._mean * _brighter(cells, self._mean)
+        change = cells - mean
+        difference = np.abs(change)
+        count = int(np.count_nonzero(difference > self._limit))
+        if count > MOST_CHANGED * difference.size:
+            self._mean = cells.copy()
+            self._waiting.clear()
+            return True
+        step = np.float32(min(seconds / AVERAGE_S, 1.0))
+        self._mean = np.asarray(mean + change * step, np.float32)
+        self._unlearned_s += seconds
+        if self._unlearned_s >= LEARN_EVERY_S:
+            self._learn(difference, at_ns, self._unlearned_s)
+            self._unlearned_s = 0.0
+        return count >= CELLS
+
+    def _learn(self, difference: Cells, at_ns: int, seconds: float) -> None:
+        self._waiting.append((at_ns, difference, seconds))
+        changed = False
+        while self._waiting and not 0 <= at_ns - self._waiting[0][0] < WAITS_S * SECOND_NS:
+            _, noise, lasted_s = self._waiting.popleft()
+            self._variance += (noise * noise - self._variance) * np.float32(min(lasted_s / LEARN_S, 1.0))
+            changed = True
+        if changed:
+            self._limit = np.maximum(np.float32(LEAST_GREY), np.float32(NOISES) * np.sqrt(self._variance))
+
+
+def _brighter(cells: Cells, mean: Cells) -> np.float32:
+    """By what factor the picture is brighter than the mean: the median over every fifth row and column."""
+    ratios = np.sort(((cells[::5, ::5] + 1) / (mean[::5, ::5] + 1)).ravel())
+    return np.float32(ratios[len(ratios) // 2])  # np.median takes longer than all the rest

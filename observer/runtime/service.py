@@ -127,10 +127,10 @@ class ObserverLike(Protocol):
 
 
 class ObserverAround:
-    """All of an `ObserverLike` around another one but its step."""
+    """An `ObserverLike` around another one. meter: complains while the observer is too slow for its source."""
 
-    def __init__(self, observer: ObserverLike) -> None:
-        self._observer = observer
+    def __init__(self, observer: ObserverLike, meter: LoadMeter | None = None) -> None:
+        self._observer, self._meter = observer, meter
 
     @property
     def vocabulary(self) -> Vocabulary | None:
@@ -144,31 +144,18 @@ class ObserverAround:
 
     @property
     def complaint(self) -> str:
-        """The complaint of the observer."""
-        return self._observer.complaint
+        """That the observer is too slow, which explains much else; or its own complaint."""
+        return (self._meter.complaint if self._meter else "") or self._observer.complaint
+
+    def step(self, frame: Frame) -> Posterior | None:
+        """The posterior after one more frame."""
+        if self._meter and not frame.repeated:
+            self._meter.record(frame.captured_ns, frame.skipped)
+        return self._observer.step(frame)
 
     def end(self) -> Posterior | None:
         """The posterior of the observer now that the source has ended."""
         return self._observer.end()
-
-
-class MeteredObserver(ObserverAround):
-    """Complains while the observer is too slow for its source."""
-
-    def __init__(self, observer: ObserverLike, meter: LoadMeter) -> None:
-        super().__init__(observer)
-        self._meter = meter
-
-    @property
-    def complaint(self) -> str:
-        """That the observer is too slow, which explains much else; or its own complaint."""
-        return self._meter.complaint or self._observer.complaint
-
-    def step(self, frame: Frame) -> Posterior | None:
-        """The posterior after one more frame."""
-        if not frame.repeated:
-            self._meter.record(frame.captured_ns, frame.skipped)
-        return self._observer.step(frame)
 
 
 def serve(

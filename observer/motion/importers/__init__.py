@@ -4,18 +4,55 @@ from pathlib import Path
 
 from common.errors import BadInput
 from common.text import nearest
-from observer.motion.archive import check_archive
-from observer.motion.importers import bvh, csv_table, florence3d, joined, msr_action3d
-from observer.motion.importers.base import Importer, ImportResult, Progress
+from observer.motion.archive import MotionArchive, Recording, check_archive
+from observer.motion.archive_file import read_archive
+from observer.motion.importers import bvh, csv_table, florence3d, msr_action3d
+from observer.motion.importers.base import (
+    Importer,
+    ImportResult,
+    Progress,
+    counted,
+    files_at,
+    require_same_parts,
+)
+from observer.motion.projected import require_same_camera
 
 __all__ = ["IMPORTERS", "ImportResult", "Importer", "Progress", "import_recordings"]
+
+
+def import_archives(path: Path, progress: Progress | None = None) -> ImportResult:
+    """The archive `path`, or every archive in this folder (or just below it), as one.
+
+    Raises BadInput for a broken archive, other body parts than the first has, tracks of another camera, and a recording
+    that two archives have.
+    """
+    files = files_at(path, "*.npz", "motion archives (.npz)")
+    archives: list[MotionArchive] = []
+    places: dict[tuple[str, str, str], Path] = {}
+    for file in counted(files, len(files), progress):
+        archive = read_archive(file)
+        archives.append(archive)
+        require_same_parts(file, archive.body_parts, files[0], archives[0].body_parts)
+        require_same_camera(archives[0], archive, str(file))
+        for recording in archive.recordings:
+            _require_new(recording, file, places)
+    recordings = tuple(recording for archive in archives for recording in archive.recordings)
+    return ImportResult(MotionArchive(archives[0].body_parts, recordings, archives[0].camera))
+
+
+def _require_new(recording: Recording, file: Path, places: dict[tuple[str, str, str], Path]) -> None:
+    """Raise BadInput for a recording that another file has; one file may hold a recording twice."""
+    key = recording.label, recording.subject, recording.trial
+    if places.setdefault(key, file) != file:
+        raise BadInput(f"{file}: {' '.join(filter(None, key))} is also in {places[key]}; another trial is expected")
+
 
 IMPORTERS: dict[str, Importer] = {
     "msr-action3d": msr_action3d.import_folder,
     "florence3d": florence3d.import_folder,
     "bvh": bvh.import_files,
     "csv": csv_table.import_files,
-    "archive": joined.import_archives,
+    "archive": import_archives,
 }
 """KIND of `labanmesh import KIND PATH` -> importer. A new kind is one new file and one line here."""
 

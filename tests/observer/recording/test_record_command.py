@@ -21,8 +21,7 @@ from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
-from observer.recording.new_recording import build_recording
-from observer.recording.visibility import NothingRecorded
+from observer.recording.new_recording import NothingRecorded, build_recording
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0, 0.9, 0)) for yaw in (-50, 0, 45)]

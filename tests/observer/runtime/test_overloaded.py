@@ -9,7 +9,7 @@ from common.load import LoadMeter
 from observer.runtime.paced_observer import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver
 from observer.runtime.pacing import TrackingPace
 from observer.runtime.prepared_tracker import PreparedTracker
-from observer.runtime.service import MeteredObserver
+from observer.runtime.service import ObserverAround
 from observer.tracks import Frame, Tracks
 
 ADVICE = "another machine helps"
@@ -46,7 +46,7 @@ class Slow:
 
 def said(step_s, seconds=20):
     slow = Slow(step_s)
-    return complaints(MeteredObserver(slow, LoadMeter("frames", ADVICE)), seconds, lambda: slow.elapsed_s)
+    return complaints(ObserverAround(slow, LoadMeter("frames", ADVICE)), seconds, lambda: slow.elapsed_s)
 
 
 def said_paced(step_s, cost_s, seconds=20):

@@ -12,15 +12,16 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
 from observer.camera.opening import open_pictures
-from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
 from observer.runtime.paced_observer import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver, cells_of
 from observer.runtime.pacing import (
     ACTIVE_SHARE,
+    COLUMNS,
     EMPTY_SHARE,
     HOLD_S,
     NOBODY_S,
+    ROWS,
     SEARCH_SHARE,
-    PaceLimits,
+    MotionGate,
     TrackingPace,
     is_still,
 )
@@ -72,16 +73,16 @@ def test_a_moving_person_is_tracked_as_often_as_its_share_of_a_core_allows(cost_
 
 
 @pytest.mark.parametrize(("shown", "limits", "hz"), [
-    (moving, PaceLimits(max_hz=7), 7),
-    (standing, PaceLimits(idle_hz=3), 3),
-    (standing, PaceLimits(max_hz=1, idle_hz=3), 1),
-    (moving, PaceLimits(max_hz=100), 30),
-    (standing, PaceLimits(), 2),
-    (nobody, PaceLimits(), EMPTY_SHARE / 0.03),
-    (nobody, PaceLimits(idle_hz=0.2), 0.2),
+    (moving, {"max_hz": 7}, 7),
+    (standing, {"idle_hz": 3}, 3),
+    (standing, {"max_hz": 1, "idle_hz": 3}, 1),
+    (moving, {"max_hz": 100}, 30),
+    (standing, {}, 2),
+    (nobody, {}, EMPTY_SHARE / 0.03),
+    (nobody, {"idle_hz": 0.2}, 0.2),
 ])  # fmt: skip
 def test_limits_of_the_scene_file(shown, limits, hz):
-    pace = TrackingPace(limits)
+    pace = TrackingPace(**limits)
     runs(pace, shown, NOBODY_S + 2, 0.03)
     later = runs(pace, shown, 30, 0.03, first=round(30 * (NOBODY_S + 2)))
     assert len(later) == pytest.approx(30 * hz, rel=0.1, abs=1)
