@@ -240,16 +240,19 @@ def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
     """The command line of a verb, followed by `words`: its function, or the Typer application of its sub-verbs."""
     import typer
 
+    from common.text import with_whole_examples
+
     forms = [OTHER_FORMS[key] for word in words if (key := (verb, word.partition("=")[0])) in OTHER_FORMS]
     loaded = [*forms, VERBS.get(verb) or _installed_verbs()[verb]][0].load()
     if isinstance(loaded, typer.Typer):
         for each in loaded.registered_commands:
             # Typer would cut it off where the line ends.
-            each.short_help = (each.callback.__doc__ or "").partition("\n")[0]
+            text = each.callback.__doc__ or ""
+            each.short_help, each.help = text.partition("\n")[0], with_whole_examples(text)
         return loaded
     # Without markup Typer breaks help between words and cuts no option short.
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
-    app.command(verb)(loaded)
+    app.command(verb, help=with_whole_examples(loaded.__doc__))(loaded)
     return app
 
 

@@ -7,6 +7,8 @@ from typing import Annotated, TypeVar, get_type_hints
 
 import typer
 
+from common.text import with_whole_examples
+
 LONGEST_OPTION_S = 366 * 86_400.0
 """The largest number of seconds for an option; the operating system does not wait for just any."""
 ForSeconds = Annotated[
@@ -25,7 +27,7 @@ def sub_verbs(text: str) -> typer.Typer:
     # With a single sub-verb Typer leaves its name out, unless there is a callback.
     app.callback()(lambda: None)
     # Tests read a verb's docstring.
-    app.info.help = app.__doc__ = text
+    app.info.help, app.__doc__ = with_whole_examples(text), text
     return app
 
 

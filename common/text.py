@@ -87,3 +87,12 @@ def without_secrets(text: str, *, show_path: bool = False) -> str:
     # Some cameras expect /user=NAME_password=SECRET_channel=1 as the path.
     shown = path if show_path and "=" not in path else "/..." if len(behind) > 1 else behind
     return f"{scheme}{host}{shown}" if scheme or host == authority else f"...@{host}{shown}"
+
+
+def with_whole_examples(text: str | None) -> str:
+    """A verb's help in which each example stays one line, which can be copied, however narrow the terminal is."""
+    # Slow to import, and needed for help alone.
+    from inspect import cleandoc
+
+    paragraphs = cleandoc(text or "").split("\n\n")
+    return "\n\n".join(f"\b\n{' '.join(each.split())}" if each.startswith("Example:") else each for each in paragraphs)

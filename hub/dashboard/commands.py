@@ -55,7 +55,7 @@ def dashboard(
     Example: labanmesh dashboard --capture monday.mcap --listen 127.0.0.1:0
     """
     if (scene is None) == (capture is None):
-        raise BadInput("labanmesh dashboard: name either a scene file or a capture (--capture FILE)")
+        raise BadInput("dashboard: name either a scene file or a capture, e.g. labanmesh dashboard scene.toml")
     # Starlette is not needed for --help.
     from hub.dashboard.access import LISTEN_KEY
 

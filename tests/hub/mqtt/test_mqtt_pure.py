@@ -13,8 +13,8 @@ from hub.mqtt.bridge import SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
 from hub.mqtt.events import EVENT_S, last_verdict_state, recalled_ns, verdict_event
 from hub.mqtt.states import FAST_S, PRESENT_S, SLOW_S, STATE_REPEAT_S
-from hub.scene_state import SceneState
-from hub.session import VERDICTS_WAIT_LIMIT, SceneListener
+from hub.scene_state import VERDICTS_WAIT_LIMIT, SceneState
+from hub.session import SceneListener
 
 TOPICS = Topics("room", bridge_topic("labanmesh", "room"))
 OBSERVERS = ("cam1", "cam2")
