@@ -14,20 +14,23 @@ from observer.effort.model import FACTOR_FEATURES, FACTORS, EffortModel
 from observer.files import read_arrays, write_arrays
 from observer.model.base import array_in
 
-EFFORT_FORMAT = 1
+VERSION = {
+    "format": 1,
+    "features": list(FEATURE_NAMES),
+    "evidence": {factor: list(names) for factor, names in FACTOR_FEATURES.items()},
+}
+"""What the header of a file of this version says."""
 LEARN_EFFORT = "make one with labanmesh learn ... --effort"
 
 
 def write_effort(path: Path, model: EffortModel) -> None:
     """Write the model, completely or not at all; raises BadInput or LabanmeshError as `write_arrays` does."""
     header = {
-        "format": EFFORT_FORMAT,
+        **VERSION,
         "kind": "effort",
         "view": model.view,
         "rate_hz": model.rate_hz,
         "body_parts": list(model.body_parts),
-        "features": list(FEATURE_NAMES),
-        "evidence": {factor: list(names) for factor, names in FACTOR_FEATURES.items()},
         "provenance": dict(model.provenance),
     }
     arrays: dict[str, NDArray[Any]] = {
@@ -53,19 +56,12 @@ def read_effort(path: Path) -> EffortModel:
         header = json.loads(str(arrays["header"]))
         if header["kind"] != "effort":
             raise BadInput(f"{path}: a model of kind {header['kind']!r}, an Effort model is expected; {LEARN_EFFORT}")
-        if header["format"] != EFFORT_FORMAT or _evidence(header) != _evidence(
-            {"features": FEATURE_NAMES, "evidence": FACTOR_FEATURES}
-        ):
+        if any(header[name] != value for name, value in VERSION.items()):
             raise BadInput(f"{path}: learned by another version (format, features); {LEARN_EFFORT}")
         return _model_of(header, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise BadInput(f"{path}: damaged Effort model ({reason}); {LEARN_EFFORT}") from None
-
-
-def _evidence(header: object) -> str:
-    assert isinstance(header, dict)  # noqa: S101 - a JSON text that is no object has no "kind" either
-    return json.dumps([list(header["features"]), {f: list(n) for f, n in header["evidence"].items()}])
 
 
 def _model_of(header: dict[str, Any], arrays: dict[str, NDArray[Any]]) -> EffortModel:

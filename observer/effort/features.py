@@ -143,7 +143,8 @@ def features(course: Course) -> Floats:
         values |= _tempo_and_wander(moves[:, :, head], lengths[:, :, active], lengths[:, :, head])
         values["bending"] = _bending(places[:, active] - places[:, head], round(BEND_S * course.rate_hz))
         values["bending_other"] = _bending(places[:, other] - places[:, head], round(BEND_LONG_S * course.rate_hz))
-        values["head_at_last"] = _at_last(places[:, head, 0], course.rate_hz)
+        last = np.diff(places[-max(len(places) // 5, 3) :, head, 0])
+        values["head_at_last"] = _log(_mean(np.abs(last)) * course.rate_hz, LEAST_MOTION)
         values |= _lean(places[:, head])
         values |= _other_hand(places[:, other] - places[:, head], mean[other], mean[active])
     return np.array([values.get(name, np.nan) for name in FEATURE_NAMES])
@@ -169,11 +170,6 @@ def _tempo_and_wander(head: Floats, hand_lengths: Floats, head_lengths: Floats) 
         "head_quiet_jerk": _log(head_jerk, LEAST_MOTION),
         "head_while_hand_quiet": _log(_mean(aside), 2 * LEAST_MOTION) - _log(_mean(hand_lengths[:, 0]), LEAST_RATIO),
     }
-
-
-def _at_last(right: Floats, rate_hz: float) -> float:
-    """(T,) -> ln of the head's mean speed aside in the last fifth."""
-    return _log(_mean(np.abs(np.diff(right[-max(len(right) // 5, 3) :]))) * rate_hz, LEAST_MOTION)
 
 
 def _lean(head: Floats) -> Mapping[str, float]:

@@ -220,9 +220,5 @@ def _temper(model: EffortModel, trials: Sequence[EffortExample], factor: str) ->
             for n, g in enumerate(groups)
             if g == group and model.levels[n, q] != 0
         ]
-    losses = [_log_loss(np.array(odds), temper) for temper in TEMPERS]
+    losses = [np.logaddexp(0.0, -temper * np.array(odds)).mean() for temper in TEMPERS]
     return float(TEMPERS[int(np.argmin(losses))]) if odds else 1.0
-
-
-def _log_loss(signed_odds: Floats, temper: float) -> float:
-    return float(np.logaddexp(0.0, -temper * signed_odds).mean())

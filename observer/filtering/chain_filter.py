@@ -65,7 +65,11 @@ class ChainFilter:
     ) -> None:
         self._cell_of, self._shape, self._phases = cell_of, (movements, facings), phases
         self._dynamics, self._negligible = dynamics, negligible
-        self._advance = _advance_matrix(dynamics.steps, phases)
+        # (Φ + K - 1, Φ): where each phase's mass goes; the last rows leave the chain.
+        rows = phases + len(dynamics.steps) - 1
+        self._advance: Floats32 = np.zeros((rows, phases), np.float32)
+        for k, share in enumerate(dynamics.steps):
+            self._advance += np.float32(share) * np.eye(rows, phases, -k, np.float32)
         count = np.bincount(cell_of, minlength=movements * facings)
         self._prior = (count > 0) / max(int((count > 0).sum()), 1)
         of_chain = self._prior[cell_of] / count[cell_of]
@@ -76,8 +80,8 @@ class ChainFilter:
         if not onset_known:
             self._before = 1.0 - dynamics.under_way
             # Without such mass only the first phases are computed.
-            rows = phases if dynamics.under_way else len(dynamics.entry)
-            self._active = np.tile(np.float32(dynamics.under_way / phases * of_chain), (rows, 1))
+            shown = phases if dynamics.under_way else len(dynamics.entry)
+            self._active = np.tile(np.float32(dynamics.under_way / phases * of_chain), (shown, 1))
         self._after = np.zeros(movements * facings)
         self._past = np.zeros(movements * facings)
         self._moving = onset_known
@@ -94,14 +98,10 @@ class ChainFilter:
         a new movement has begun would together be sure of the previous one.
         """
         if self._posterior is None:
-            self._posterior = self._compute_posterior()
+            done = np.maximum(self._after - self._past, 0.0) if self._moving else self._after
+            mass = self._cells(self._active.sum(axis=0)) + done + self._before * self._prior
+            self._posterior = (mass / mass.sum()).reshape(self._shape)
         return self._posterior.copy()
-
-    def _compute_posterior(self) -> Floats:
-        done = np.maximum(self._after - self._past, 0.0) if self._moving else self._after
-        mass = self._cells(self._active.sum(axis=0)) + done + self._before * self._prior
-        posterior: Floats = (mass / mass.sum()).reshape(self._shape)
-        return posterior
 
     @property
     def rest(self) -> float:
@@ -201,11 +201,3 @@ class ChainFilter:
         if counts.sum() < CROWDED * len(counts) and self.rest < 0.5:
             self._live = np.flatnonzero(counts) if self._live is None else self._live[counts]
             self._active = np.ascontiguousarray(self._active[:, counts])
-
-
-def _advance_matrix(steps: Floats, phases: int) -> Floats32:
-    """(K,) P(advance by k phases) -> (Φ + K - 1, Φ): where each phase's mass goes; the last rows leave the chain."""
-    matrix = np.zeros((phases + len(steps) - 1, phases), np.float32)
-    for k, share in enumerate(steps):
-        matrix[np.arange(phases) + k, np.arange(phases)] = share
-    return matrix

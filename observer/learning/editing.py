@@ -119,9 +119,9 @@ def _learned_again(
     """The model of its own examples of the movements in `indices`, old to new, and of those that are added."""
     if not isinstance(model, Stacked) or facings_in(header.parameters) > LEARNED_FACINGS:
         raise BadInput(f"model {header.kind}: does not keep all its takes; learn it again with all its movements")
-    kind, (examples, streams) = type(model), model.remembered(indices)
-    examples = [*examples, *added]
-    return with_calibration(kind, kind.learn_with_streams(header, examples, streams), examples)
+    examples, streams = model.remembered(indices)
+    examples += added
+    return with_calibration(type(model).learn_with_streams(header, examples, streams), examples)
 
 
 def _require_match(old: Header, archive: MotionArchive, view: View, kind: str, parameters: Mapping[str, float]) -> None:

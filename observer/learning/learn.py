@@ -95,7 +95,7 @@ def learn_view(
         learned: MovementModel = model.learn_with_streams(header, examples, watched)
     else:
         learned = model.learn(header, examples)
-    return with_calibration(model, learned, examples) if calibrate else learned
+    return with_calibration(learned, examples) if calibrate else learned
 
 
 def _placed(
@@ -151,18 +151,14 @@ MOST_WATCHED = 60
 """The same for a kind that evaluates a whole fold at once."""
 
 
-def with_calibration(
-    kind: type[MovementModel],
-    model: MovementModel,
-    examples: Sequence[Example],
-) -> MovementModel:
+def with_calibration(model: MovementModel, examples: Sequence[Example]) -> MovementModel:
     """The same model, just learned from these examples, evaluated by leaving out one person at a time.
 
     A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and learns from
     the results how sure it may be. If only one person shows a movement, one recording of each movement is left out at a
     time instead. `tried` and `right` in the provenance count the evaluated examples.
     """
-    header, arrays, counts = model.header, model.arrays(), dict[str, str]()
+    kind, header, arrays, counts = type(model), model.header, model.arrays(), dict[str, str]()
     front = [e for e in examples if e.facing == 0]
     folds = folds_by_person(front) or folds_by_recording(front)
     if isinstance(model, LearnsStreams):

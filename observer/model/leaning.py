@@ -64,14 +64,6 @@ LEANS_ON = "leans_on"
 """Name in a model's provenance."""
 
 
-def leans_on_of(header: Header) -> dict[str, dict[str, float]]:
-    """What `leans_on` found when the model was learned; {} if unknown."""
-    with suppress(ValueError, AttributeError, TypeError):
-        table = json.loads(header.provenance.get(LEANS_ON, "{}"))
-        return {str(label): {str(r): float(nats) for r, nats in row.items()} for label, row in table.items()}
-    return {}
-
-
 LEAST_NATS_SHARE = 0.1
 """A region with less is not named."""
 
@@ -81,13 +73,15 @@ def large_shares(header: Header) -> dict[str, dict[str, float]]:
 
     With a single region there is nothing to tell.
     """
+    shares: dict[str, dict[str, float]] = {}
     if len(regions_of(header.body_parts)) < 2:
-        return {}
-    shares = {}
-    for label, row in leans_on_of(header).items():
-        total, ordered = sum(row.values()), sorted(row.items(), key=lambda item: -item[1])
-        of_all = {region: nats / total for region, nats in ordered} if total > 0 else {}
-        shares[label] = {region: share for region, share in of_all.items() if share >= LEAST_NATS_SHARE}
+        return shares
+    with suppress(ValueError, AttributeError, TypeError):
+        for label, row in json.loads(header.provenance.get(LEANS_ON, "{}")).items():
+            ordered = sorted(((str(region), float(nats)) for region, nats in row.items()), key=lambda item: -item[1])
+            total = sum(nats for _, nats in ordered)
+            of_all = {region: nats / total for region, nats in ordered} if total > 0 else {}
+            shares[label] = {region: share for region, share in of_all.items() if share >= LEAST_NATS_SHARE}
     return shares
 
 

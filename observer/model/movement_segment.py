@@ -13,13 +13,14 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.model.training_rows import AFTERGLOW_S
 from observer.tracks import Floats
 
 T = TypeVar("T", bound=np.generic)
 
 STILL_LAG_S = 0.3
 """The delay of stillness: a movement begins this long before stillness ends."""
-SHOWN, PAST_S = 0.3, 0.1
+SHOWN, PAST_S = 0.3, AFTERGLOW_S
 """P(something else) below SHOWN shows a movement; that movement is past when it exceeds 1 - SHOWN for PAST_S."""
 SURE = 0.8
 """A movement with a higher probability for PAST_S is named; a segment in which two are named holds more than one."""

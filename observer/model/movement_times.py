@@ -10,9 +10,6 @@ from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import AFTERGLOW_S
 from observer.tracks import Floats
 
-DIGITS = 3
-"""Durations are known to a millisecond."""
-
 
 def with_times(header: Header, memory: TrainingMemory) -> Header:
     """The header whose vocabulary tells the durations of its movements, as far as the memory shows them."""
@@ -31,10 +28,11 @@ def _times_of(movement: int, memory: TrainingMemory, rate_hz: float) -> Movement
         for span, following in zip(stream.spans, stream.spans[1:], strict=False)
         if span.movement == following.movement == movement and not _touch(span, following, rate_hz)
     ]
+    # To a millisecond.
     return MovementTimes(
-        shortest_s=round(min(takes) / rate_hz, DIGITS) if takes else None,
-        rest_s=round(min(rests) / rate_hz, DIGITS) if rests else None,
-        period_s=round(oscillation.period_s, DIGITS) if oscillation else None,
+        shortest_s=round(min(takes) / rate_hz, 3) if takes else None,
+        rest_s=round(min(rests) / rate_hz, 3) if rests else None,
+        period_s=round(oscillation.period_s, 3) if oscillation else None,
     )
 
 

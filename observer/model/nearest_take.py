@@ -60,7 +60,9 @@ class NearestTakes:
         if len(takes) < 2 or any(e.facing for e in examples):
             return None
         traces = [e.features.astype(np.float32) for e in takes if e.features is not None]
-        paths = [path_of(trace)[::hop] for trace in traces]
+        # Where the parts are since the begin.
+        parts = traces[0].shape[1] // 2 - 1
+        paths = [(relative_and_path(trace)[1] - np.tile(trace[0, -3:-1], parts))[::hop] for trace in traces]
         lengths = np.array([len(path) for path in paths])
         padded = np.zeros((len(paths), int(lengths.max()), paths[0].shape[1]), np.float32)
         for row, path in zip(padded, paths, strict=True):
@@ -155,9 +157,3 @@ def _representative(takes: Sequence[Example]) -> list[Example]:
         spread = sorted(range(len(own)), key=evenly_spread)
         chosen += [own[k] for k in spread[: max(round(share * len(own)), 1)]]
     return [takes[n] for n in sorted(chosen)]
-
-
-def path_of(trace: Floats32) -> Floats32:
-    """(F, 2 P + 3) trace from the begin of a movement -> (F, 2 P) where each part is since then."""
-    _, path = relative_and_path(trace)
-    return path - np.tile(trace[0, -3:-1], path.shape[1] // 2)

@@ -27,8 +27,7 @@ class ParameterRange:
 PROBABILITY = ParameterRange(0.0, 1.0)
 POSITIVE = ParameterRange(1e-6)
 """Smaller numbers would overflow where they divide."""
-NOT_NEGATIVE = ParameterRange(0.0)
-MOST_FACINGS = 72
+NOT_NEGATIVE = ParameterRange()
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +38,7 @@ class Parameter:
     allowed: ParameterRange
 
 
-FACINGS = Parameter(1.0, ParameterRange(1, MOST_FACINGS, whole=True))
+FACINGS = Parameter(1.0, ParameterRange(1, 72, whole=True))
 """In how many directions a person may stand."""
 
 

@@ -171,7 +171,9 @@ class Stacked(LearnsStreams):
         takes = NearestTakes.of(memory.examples, movements, scales, hop) if len(scales) else None
         segments = SegmentClassifier.from_arrays(arrays, movements, parts)
         phase, extents = Phase.from_arrays(_phase_header(header), arrays), _positive(arrays, "extents", movements)
-        return cls(header, phase, trailing, answers, segments, takes, extents, memory, _stacker_in(arrays))
+        shapes = {"stacker_weights": PRIOR.weights.spreads.shape, "stacker_other": PRIOR.other.spreads.shape}
+        stacker = Stacker(*(array_in(arrays, name, shape, np.float64) for name, shape in shapes.items()))
+        return cls(header, phase, trailing, answers, segments, takes, extents, memory, stacker)
 
     def arrays(self) -> Arrays:
         """Everything that was learned."""
@@ -222,12 +224,6 @@ def _task_of(header: Header, examples: Sequence[Example], streams: Sequence[Stre
 
 def _stacker_arrays(stacker: Stacker) -> dict[str, Floats]:
     return {"stacker_weights": stacker.weights, "stacker_other": stacker.other}
-
-
-def _stacker_in(arrays: Arrays) -> Stacker:
-    """ValueError for arrays that do not fit."""
-    weights = array_in(arrays, "stacker_weights", PRIOR.weights.spreads.shape, np.float64)
-    return Stacker(weights, array_in(arrays, "stacker_other", PRIOR.other.spreads.shape, np.float64))
 
 
 def _phase_header(header: Header) -> Header:

@@ -24,7 +24,9 @@ from observer.tracks import Floats, Integers
 MEMBERS = ("phase", "trailing", "running", "ended", "nearest")
 """f: log posteriors over the movements of the phase filter, of the trailing windows, and of the segment since the begin
 by the classifiers of movements in progress and of ended ones; the negative relative distance from the nearest take."""
-CONTEXT = ("one", "over", "elapsed", "unknown", *(f"entropy of {member}" for member in MEMBERS[:4]))
+OTHER_CONTEXT = ("one", "over", "elapsed", "unknown")
+"""e: the first of c."""
+CONTEXT = (*OTHER_CONTEXT, *(f"entropy of {member}" for member in MEMBERS if member != "nearest"))
 """c: 1; whether the movement is over; ln of the time since its begin in lengths of the movement; whether its begin is
 unknown; the members' entropies as shares of ln M."""
 EVIDENCE = ("one", "odds", "distance", "agreement", "entropy", "smallness")
@@ -32,7 +34,6 @@ EVIDENCE = ("one", "odds", "distance", "agreement", "entropy", "smallness")
 distance from the nearest take; the logarithm of the probability that two members agree; the entropy of P(m) as a share
 of ln M; the mean over P(m) of the logarithm of how far the parts went, as a share of the movement's usual extent, at
 most 0."""
-OTHER_CONTEXT = CONTEXT[:4]
 BEGIN_UNKNOWN = CONTEXT.index("unknown")
 TASK = ("one", "takes", "people", "movements", "other motion")
 """1; the logarithms of the numbers of takes of a movement, of people and of movements, and of 1 + the seconds of other

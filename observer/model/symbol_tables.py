@@ -19,12 +19,6 @@ VECTOR_SYMBOLS = len(VectorSymbol) - 1
 """Those of (1), without NOT_SEEN."""
 
 
-def symbols_of(example: Example, body_parts: Sequence[str], threshold: float) -> Symbols:
-    """(F, P) Vector Symbols of an example, as an observer would read them."""
-    reader = SpaceReader(body_parts, threshold)
-    return np.array([reader.update(tracks) for tracks in example.tracks])
-
-
 def bin_indices(frames: int, bins: int) -> NDArray[np.int64]:
     """(frames,) the bin i of each frame n if a movement of that many frames is divided into I bins: floor(n I / F)."""
     return np.arange(frames) * bins // max(frames, 1)
@@ -107,7 +101,10 @@ class FrameTable:
         """Count Vector Symbols per movement, bin and part."""
         header = with_defaults(header, cls.PARAMETERS)
         parameters = header.parameters
-        sequences = [(symbols_of(e, header.body_parts, parameters["threshold"]), e.movement) for e in examples]
+        sequences = list[tuple[Symbols, int]]()
+        for example in examples:
+            reader = SpaceReader(header.body_parts, parameters["threshold"])
+            sequences.append((np.array([reader.update(tracks) for tracks in example.tracks]), example.movement))
         bins, movements = int(parameters["bins"]), header.vocabulary.size
         table = learn_table(sequences, movements, bins, parameters["smoothing"])
         return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))

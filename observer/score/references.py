@@ -17,7 +17,6 @@ from observer.model.nearest_take import USUAL_DISTANCE
 from observer.score.comparison import (
     Align,
     Alignment,
-    Limb,
     LimbJoint,
     angles_of,
     columns_of,
@@ -236,11 +235,11 @@ class ReferenceTakes:
         return [int(n) for n in enough if n != take]
 
     def judge(self, trace: Floats32, seen: Sequence[bool] | None = None) -> JudgeScore:
-        """JudgeScore a performance: (F, 2 P + 3) its trace. seen: (P,) which parts were mostly seen; None: all."""
-        certainty = self._seen_share(seen)
+        """Score a performance: (F, 2 P + 3) its trace. seen: (P,) which parts were mostly seen; None: all."""
+        unseen = [limb.name for limb in self._limbs if seen is not None and not all(seen[part] for part in limb.parts)]
+        certainty = (len(self._limbs) - len(unseen)) / len(self._limbs) if self._limbs else 0.0
         if certainty < LEAST_SEEN:
-            unseen = ", ".join(limb.name for limb in self._limbs if not _is_seen(limb, seen))
-            return JudgeScore(None, certainty, uncertain=f"too little is seen: not the {unseen}")
+            return JudgeScore(None, certainty, uncertain=f"too little is seen: not the {', '.join(unseen)}")
         if len(trace) < 2:
             return JudgeScore(None, certainty, uncertain="the performance has no two frames")
         row, band, distance = self._compare(places_of(trace), range(len(self._places)))
@@ -248,10 +247,12 @@ class ReferenceTakes:
             times = distance / max(self.spread.farthest, LEAST_FARTHEST)
             far = f"{times:.0f} times as far from the references as any of them"
             return JudgeScore(None, certainty, uncertain=f"this is another movement: {far}")
-        off = self._spreads(row)
+        # Less than usual is no merit.
+        off = np.maximum((row - self.spread.usual) / self.spread.spread, 0.0)
+        score = float(BEST * HALF ** max(float(self._weights @ off) - self.spread.typical, 0.0))
         limbs = tuple((limb.name, float(off[self._limb_of == limb.name].mean())) for limb in self._limbs)
         remarks = remarks_of(band, self.spread.remarked)
-        return JudgeScore(self._score(float(self._weights @ off)), certainty, remarks, limbs, band)
+        return JudgeScore(score, certainty, remarks, limbs, band)
 
     def _compare(self, places: Floats32, others: Sequence[int]) -> tuple[Floats, Band, float]:
         """Deviations from the nearest of the others and its distance; the band of the BAND nearest."""
@@ -263,17 +264,3 @@ class ReferenceTakes:
         band = Band.of(angles_of(places, self._joints), angles, paths, self._joints)
         row = deviations(places, shown[0], paths[0], self._rate_hz, self._limbs, band.ranges)
         return row, band, float(alignment.distances.min())
-
-    def _spreads(self, row: Floats) -> Floats:
-        """Deviations in spreads of the references; less than usual is no merit."""
-        return np.maximum((row - self.spread.usual) / self.spread.spread, 0.0)
-
-    def _score(self, badness: float) -> float:
-        return float(BEST * HALF ** max(badness - self.spread.typical, 0.0))
-
-    def _seen_share(self, seen: Sequence[bool] | None) -> float:
-        return sum(_is_seen(limb, seen) for limb in self._limbs) / len(self._limbs) if self._limbs else 0.0
-
-
-def _is_seen(limb: Limb, seen: Sequence[bool] | None) -> bool:
-    return seen is None or all(seen[part] for part in limb.parts)

@@ -78,7 +78,7 @@ def clear():
 
 
 def evaluate(header, examples):
-    with_calibration(Spy, Spy(header, None), examples)
+    with_calibration(Spy(header, None), examples)
 
 
 def header(facings=1.0):
@@ -144,7 +144,7 @@ def test_only_one_facing_is_evaluated():
 @pytest.mark.parametrize("facings", [1, 4, 12])
 def test_a_fold_at_once_is_evaluated_at_all_facings_by_models_that_know_it_at_none(subjects, trials, left_out, facings):
     shown = examples(subjects, trials, facings)
-    with_calibration(BatchSpy, BatchSpy(header(float(facings)), None), shown)
+    with_calibration(BatchSpy(header(float(facings)), None), shown)
     ((known, seen, watched),) = BatchSpy.SEEN
     assert known == facings
     by_person = len(subjects) > 1
@@ -165,7 +165,7 @@ def test_the_folds_become_fewer_with_the_number_of_takes_one_by_one():
 
 def test_of_many_examples_at_many_facings_a_share_is_watched_evenly():
     shown = examples("abcdefghij", trials=[str(n) for n in range(10)], facings=12)
-    with_calibration(BatchSpy, BatchSpy(header(12.0), None), shown)
+    with_calibration(BatchSpy(header(12.0), None), shown)
     watched = [shown[n] for n in BatchSpy.SEEN[0][2]]
     assert 0.9 * MOST_WATCHED <= len(watched) <= 1.1 * MOST_WATCHED
     of_facings = Counter(e.facing for e in watched)
@@ -175,7 +175,7 @@ def test_of_many_examples_at_many_facings_a_share_is_watched_evenly():
 def test_the_evaluation_leaves_the_model_unchanged():
     shown = examples("abcde", facings=4)
     model = Spy.learn(header(4.0), shown)
-    evaluated = with_calibration(Spy, model, shown)
+    evaluated = with_calibration(model, shown)
     assert evaluated.learned == model.learned and evaluated.header.parameters == {"facings": 4.0}
     # The spy's posterior is uniform, and argmax takes the first.
     provenance = dict(evaluated.header.provenance)

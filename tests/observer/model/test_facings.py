@@ -14,7 +14,7 @@ from observer.geometry.views import turned
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
-from observer.model.parameters import MOST_FACINGS, facings_in
+from observer.model.parameters import facings_in
 from observer.motion.archive import select
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer
@@ -109,7 +109,7 @@ def test_a_still_person_is_at_rest_with_any_number_of_facings(model_of, people, 
     assert all(observer.step(frame).rest > 0.5 for frame in frames_of(still))
 
 
-@pytest.mark.parametrize("facings", [0, 0.5, 1.5, MOST_FACINGS + 1, -8, math.nan, math.inf])
+@pytest.mark.parametrize("facings", [0, 0.5, 1.5, 73, -8, math.nan, math.inf])
 def test_an_invalid_number_of_facings_is_rejected(facings):
     with pytest.raises(BadInput, match=r"facings = .*: a whole number from 1 to 72 is expected"):
         facings_in({"facings": facings})
