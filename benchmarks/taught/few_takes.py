@@ -44,7 +44,7 @@ class RecordedRoom:
     def seen(self, recordings: Mapping[str, Sequence[Recording]]) -> dict[str, MotionArchive]:
         """The tracks of each camera."""
         return {
-            name: projected(MotionArchive(BODY_PARTS, tuple(shown)), self.views[name], TracksCamera(name, (640, 480)))
+            name: projected(MotionArchive(BODY_PARTS, tuple(shown)), self.views[name], TracksCamera(name))
             for name, shown in recordings.items()
         }
 

@@ -10,7 +10,7 @@ from typing import cast
 import cv2
 
 from common.errors import BadInput
-from observer.camera.base import CameraFault, Clock, Picture, Size, kind_of
+from observer.camera.base import CameraFault, Picture, Size, kind_of
 
 OPEN_TIMEOUT_MS = 2000
 """Timeout for the first answer of a network camera."""
@@ -34,8 +34,8 @@ def silence_opencv() -> None:
 class OpenCvCamera:
     """An open camera, used by one thread."""
 
-    def __init__(self, capture: cv2.VideoCapture, clock: Clock = time.time_ns) -> None:
-        self._capture, self._clock = capture, clock
+    def __init__(self, capture: cv2.VideoCapture) -> None:
+        self._capture = capture
 
     def read(self) -> tuple[int, Picture]:
         """Wait for the next picture; return its capture time (Unix epoch, ns) and the picture.
@@ -45,7 +45,7 @@ class OpenCvCamera:
         """
         try:
             grabbed = self._capture.grab()
-            captured_ns = self._clock()
+            captured_ns = time.time_ns()
             good, picture = self._capture.retrieve() if grabbed else (False, None)
         except cv2.error as error:
             raise CameraFault(f"delivers no more pictures: {error.err}") from None
@@ -80,12 +80,12 @@ def connect(text: str, rate_hz: float, size_px: Size | None = None) -> OpenCvCam
     return OpenCvCamera(capture)
 
 
-def require_device(text: str, platform: str = sys.platform) -> None:
+def require_device(text: str) -> None:
     """Raise BadInput when `text` names a webcam whose device file does not exist; other sources pass.
 
     Only Linux shows a webcam as a file. A device that exists may still be busy.
     """
-    device = _missing_device(text, platform)
+    device = _missing_device(text)
     if device is not None:
         raise BadInput(f"camera {text}: there is no {device}. {_OTHER}; {_WHICH}")
 
@@ -94,9 +94,9 @@ _WHICH = "labanmesh doctor lists the cameras of this machine"
 _OTHER = "Plug a camera in, or name another, a film or an address"
 
 
-def _missing_device(text: str, platform: str = sys.platform) -> Path | None:
+def _missing_device(text: str) -> Path | None:
     kind = kind_of(text)
-    if kind not in ("index", "device") or platform != "linux":
+    if kind not in ("index", "device") or sys.platform != "linux":
         return None
     device = Path(f"/dev/video{int(text)}" if kind == "index" else text)
     return None if device.exists() else device

@@ -54,11 +54,9 @@ class TracksCamera:
     """The camera whose tracks an archive holds.
 
     name: the observer or camera, for people, "" if unknown; tracks of another name do not go into the same model.
-    picture_size: width and height in px, None if unknown.
     """
 
     name: str = ""
-    picture_size: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True, slots=True)

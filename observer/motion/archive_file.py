@@ -26,13 +26,13 @@ from observer.motion.even_rate import at_even_rate, spans_at_even_rate
 
 Arrays = dict[str, NDArray[Any]]
 
-POSITIONS, TRACKS, CAMERA, PICTURE_SIZE, TIMES = "positions", "tracks", "camera", "picture_size", "times_s"
+POSITIONS, TRACKS, CAMERA, TIMES = "positions", "tracks", "camera", "times_s"
 _NEEDED_ARRAYS = ("lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
 _SPANS = ("span_recording", "span_start", "span_end", "span_label")
 _DTYPES = {
     **dict.fromkeys((POSITIONS, TRACKS), "float32"),
     **dict.fromkeys(("rate_hz", TIMES), "float64"),
-    **dict.fromkeys(("lengths", PICTURE_SIZE, *_SPANS[:3]), "int64"),
+    **dict.fromkeys(("lengths", *_SPANS[:3]), "int64"),
 }
 """All other arrays contain text."""
 _LAST_AXIS = {POSITIONS: 3, TRACKS: 2}
@@ -53,7 +53,7 @@ def read_archive(path: Path) -> MotionArchive:
     _check_shapes(path, arrays)
     content = _content_of(arrays)
     recordings = _recordings(path, arrays, arrays[content].astype(np.float32, copy=False))
-    camera = _camera(path, arrays) if content == TRACKS else None
+    camera = TracksCamera(str(arrays.get(CAMERA, ""))) if content == TRACKS else None
     archive = MotionArchive(tuple(map(str, arrays["body_parts"])), recordings, camera)
     check_archive(archive, str(path))
     if TIMES in arrays:
@@ -100,16 +100,6 @@ def _at_even_rate(path: Path, recordings: tuple[Recording, ...], times_s: NDArra
     return tuple(result)
 
 
-def _camera(path: Path, arrays: Arrays) -> TracksCamera:
-    name = str(arrays[CAMERA]) if CAMERA in arrays else ""
-    if PICTURE_SIZE not in arrays:
-        return TracksCamera(name)
-    width, height = map(int, arrays[PICTURE_SIZE])
-    if width <= 0 or height <= 0:
-        raise BadInput(f"{path}: {PICTURE_SIZE} = {width}, {height}: width and height in px are expected")
-    return TracksCamera(name, (width, height))
-
-
 def write_archive(path: Path, archive: MotionArchive, mode: int = SHARED) -> None:
     """Write `archive` to the .npz file at `path`, completely or not at all.
 
@@ -142,7 +132,7 @@ def _names(path: Path, present: set[str]) -> tuple[str, ...]:
     missing = [name for name in wanted if name not in present]
     if missing:
         raise BadInput(f"{path}: array {missing[0]} is missing; expected: {', '.join(wanted)}")
-    return wanted + tuple(name for name in (CAMERA, PICTURE_SIZE, TIMES) if content == TRACKS and name in present)
+    return wanted + tuple(name for name in (CAMERA, TIMES) if content == TRACKS and name in present)
 
 
 def _content_of(arrays: Arrays) -> str:
@@ -165,9 +155,7 @@ def _check_shapes(path: Path, arrays: Arrays) -> None:
     content = _content_of(arrays)
     frames = arrays[content].shape[0] if arrays[content].ndim else 0
     expected[content] = (frames, arrays["body_parts"].size, _LAST_AXIS[content])
-    expected |= {
-        name: shape for name, shape in ((CAMERA, ()), (PICTURE_SIZE, (2,)), (TIMES, (frames,))) if name in arrays
-    }
+    expected |= {name: shape for name, shape in ((CAMERA, ()), (TIMES, (frames,))) if name in arrays}
     if "span_label" in arrays:
         expected |= dict.fromkeys(_SPANS, (arrays["span_label"].size,))
     for name, shape in expected.items():
@@ -211,8 +199,6 @@ def _arrays(archive: MotionArchive) -> Arrays:
     }
     if archive.camera is not None:
         arrays[CAMERA] = np.array(archive.camera.name, np.str_)
-        if archive.camera.picture_size is not None:
-            arrays[PICTURE_SIZE] = np.array(archive.camera.picture_size, np.int64)
     spans = [(number, span) for number, recording in enumerate(recordings) for span in recording.spans]
     if spans:
         indices = np.array([(number, span.start, span.end) for number, span in spans], np.int64)

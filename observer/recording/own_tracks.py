@@ -1,7 +1,4 @@
-"""An observer's own tracks as training data: the newest ones are remembered, and recordings are cut out of them. Pure.
-
-`observer.recording.tracks_file.TracksFile` is the archive that they are added to.
-"""
+"""An observer's own tracks as training data: the newest are remembered, and recordings are cut out of them. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

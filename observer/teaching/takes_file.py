@@ -9,6 +9,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError
@@ -16,9 +17,80 @@ from common.message_types import LAST_INTEGER
 from common.teaching_messages import EarlierTakes, Unwanted
 from observer.files import PRIVATE, make_private, remove_file, write_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
+from observer.motion.archive_file import read_archive, write_archive
+from observer.recording.new_recording import with_trial
 from observer.recording.own_tracks import in_parts
-from observer.recording.tracks_file import TracksFile
 from observer.teaching.earlier_takes_file import EarlierSets, TakesSet
+
+
+class TracksFile:
+    """The archive of one observer's tracks. Each change is written at once, completely or not at all.
+
+    It has these parts and those of an existing file, whose recordings have not seen the new ones. Raises BadInput for a
+    file that is broken, holds 3-D positions or the tracks of another camera.
+    """
+
+    def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
+        self.path, self.body_parts, self._camera = path, tuple(body_parts), camera
+        self.archive = self._widened(read_archive(path)) if path.exists() else None
+        """None while there is no recording: then there is no file either."""
+
+    def _widened(self, archive: MotionArchive) -> MotionArchive:
+        theirs = archive.camera
+        if theirs is None:
+            raise BadInput(f"{self.path}: holds positions in 3-D, not tracks of one camera")
+        if theirs.name and self._camera.name and theirs.name != self._camera.name:
+            raise BadInput(f"{self.path}: holds the tracks of {theirs.name}, not of {self._camera.name}")
+        more = (part for part in archive.body_parts if part not in self.body_parts)
+        self.body_parts = (*self.body_parts, *more)
+        recordings = tuple(in_parts(r, archive.body_parts, self.body_parts) for r in archive.recordings)
+        return MotionArchive(self.body_parts, recordings, self._camera)
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """All recordings, in the order in which they were added."""
+        return self.archive.recordings if self.archive else ()
+
+    def with_trial(self, recording: Recording, recorded: Sequence[str]) -> Recording:
+        """A recording of these parts, with all of the file and its trial: its own, or the next free number.
+
+        Raises BadInput for an invalid label or subject, another rate than the file's, and a trial that it already has.
+        """
+        return with_trial(in_parts(recording, recorded, self.body_parts), self.archive, self.body_parts, str(self.path))
+
+    def add(self, recording: Recording) -> None:
+        """Write the file with one more recording, as `with_trial` returns it.
+
+        Raises BadInput or LabanmeshError if it cannot be written (a full disk): then the file is as before.
+        """
+        grown = MotionArchive(self.body_parts, (*self.recordings, recording), self._camera)
+        write_archive(self.path, grown, PRIVATE)
+        self.archive = grown
+
+    def remove(self, unwanted: Callable[[Recording], bool]) -> None:
+        """Write the file without these recordings. An empty file is deleted.
+
+        Where the disk has no room for a second file, the old one is removed first: what is to be forgotten goes in any
+        case. Raises LabanmeshError if it cannot be removed, or nothing can be written in its place: then `archive` is
+        None, and the file is gone.
+        """
+        left = tuple(r for r in self.recordings if not unwanted(r))
+        if self.archive is None or len(left) == len(self.recordings):
+            return
+        shrunk = replace(self.archive, recordings=left)
+        try:
+            if left:
+                write_archive(self.path, shrunk, PRIVATE)
+                self.archive = shrunk
+                return
+        except LabanmeshError:
+            pass
+        remove_file(self.path)
+        self.archive = None
+        if left:
+            write_archive(self.path, shrunk, PRIVATE)
+            self.archive = shrunk
+
 
 FREE_TAKES_SPACE = "Free some space on that disk; the take waits in memory"
 
@@ -89,12 +161,11 @@ class TakesFile:
         self.write_waiting()
 
     def write_waiting(self) -> None:
-        """Write the takes that wait in memory; raises BadInput or LabanmeshError as TracksFile.add does."""
+        """Write the takes that wait in memory; raises BadInput or LabanmeshError as `TracksFile` does."""
         while self._waiting:
             file = self._opened()
-            take = in_parts(self._waiting[0], self._parts, file.body_parts)
             try:
-                file.with_trial(take)
+                take = file.with_trial(self._waiting[0], self._parts)
             except BadInput:
                 self._waiting.pop(0)
                 raise
@@ -141,7 +212,7 @@ class TakesFile:
             return list(gone)
         removed: Sequence[Recording] = ()
         if takes.path.exists():
-            file = self._opened() if is_current else TracksFile(takes.path, self._parts, self._camera, PRIVATE)
+            file = self._opened() if is_current else TracksFile(takes.path, self._parts, self._camera)
             removed = self._remove(file, lambda r: unwanted.covers(r.subject, r.label))
         if unwanted.label in (takes.unfinished or ()) or (removed and not takes.path.exists()):
             remove_file(takes.note)
@@ -203,6 +274,5 @@ class TakesFile:
 
     def _opened(self) -> TracksFile:
         if self._file is None:
-            self._file = TracksFile(self.path, self._parts, self._camera, PRIVATE)
-            self._file.widen(self._parts)
+            self._file = TracksFile(self.path, self._parts, self._camera)
         return self._file

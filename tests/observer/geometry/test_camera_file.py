@@ -1,7 +1,5 @@
 """The camera file: round trip, and one line for each invalid file."""
 
-import os
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -124,15 +122,3 @@ def test_a_lens_is_read_back(tmp_path, size, scale):
     lens = read_camera(tmp_path / "c.toml").lens
     np.testing.assert_array_equal(lens.intrinsic_matrix, K)
     np.testing.assert_array_equal(lens.distortion, distortion)
-
-
-def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
-    path = tmp_path / "pipe"
-    os.mkfifo(path)
-    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
-    try:
-        write_camera(path, CameraModel("cam", MATRIX))
-        assert os.read(reader, 100).startswith(b'name = "cam"')
-    finally:
-        os.close(reader)
-    assert path.is_fifo() and [p.name for p in tmp_path.iterdir()] == ["pipe"]

@@ -89,13 +89,6 @@ def test_writes_the_file_of_the_contract(tmp_path):
         assert file["span_label"].tolist() == ["wave", "bend"]
 
 
-def test_span_arrays_are_optional(tmp_path):
-    archive = read_archive(saved(tmp_path, **dict.fromkeys([n for n in contract_arrays() if n.startswith("span")])))
-    write_archive(tmp_path / "again.npz", archive)
-    with np.load(tmp_path / "again.npz") as file:
-        assert not [name for name in file.files if name.startswith("span")]
-
-
 labels = st.text("abz09_", max_size=8)
 words = st.text(st.characters(categories=("L", "N", "P", "S")), max_size=6)
 numbers = st.floats(-1e6, 1e6, width=32) | st.just(float("nan"))
@@ -259,18 +252,18 @@ def tracks_arrays(**changes):
     """The contract's file as the tracks of one camera."""
     arrays = contract_arrays()
     tracks = {"positions": None, "tracks": arrays["positions"][..., :2].copy()}
-    return tracks | {"camera": np.array("sofa"), "picture_size": np.array([640, 480])} | changes
+    return tracks | {"camera": np.array("sofa")} | changes
 
 
 def test_tracks_of_one_camera_are_read_and_written(tmp_path):
     archive = read_archive(saved(tmp_path, **tracks_arrays()))
-    assert archive.camera == TracksCamera("sofa", (640, 480))
+    assert archive.camera == TracksCamera("sofa")
     np.testing.assert_array_equal(archive.recordings[0].positions[2, 1], [21, 22])
     write_archive(tmp_path / "again.npz", archive)
     again = read_archive(tmp_path / "again.npz")
     same(archive, again)
     assert again.camera == archive.camera
-    assert read_archive(saved(tmp_path, **tracks_arrays(camera=None, picture_size=None))).camera == TracksCamera()
+    assert read_archive(saved(tmp_path, **tracks_arrays(camera=None))).camera == TracksCamera()
 
 
 def test_tracks_with_times_come_at_the_nominal_rate(tmp_path):
@@ -288,7 +281,6 @@ def test_tracks_with_times_come_at_the_nominal_rate(tmp_path):
         ({"tracks": np.zeros((5, 3, 3), np.float32)}, r"tracks has shape (5, 3, 3): (5, 3, 2) is expected"),
         ({"tracks": np.full((5, 3, 2), np.nan, np.float32)}, "tracks: no body part is seen in any frame"),
         ({"camera": np.array(["a", "b"])}, "camera has shape (2,)"),
-        ({"picture_size": np.array([640, 0])}, "picture_size = 640, 0"),
         ({"times_s": np.array([0.0, 0.1, 0.1, 0, 1])}, "times_s, recording 0: seconds that rise"),
         ({"times_s": np.array([0.0, 0.1, 1e9, 0, 1])}, "times_s, recording 0: seconds that rise"),
         ({"times_s": np.array([0.0, 0.1])}, "times_s has shape (2,): (5,) is expected"),
