@@ -31,42 +31,14 @@ def is_bridged(gap_s: float, interval_s: float) -> bool:
 
 
 def at_even_rate(at_ns: NDArray[np.int64], centres: Floats, rate_hz: float) -> NDArray[np.float32]:
-    """Tracks (F, P, 2) at increasing times (F,) -> (K, P, 2) at this rate from the first frame on, linear in time.
+    """Tracks (F, P, 2) at increasing times (F,) -> (K, P, 2) at this rate from the first frame on, as `Resampler` does.
 
-    A part that is seen in only one of the two frames around an instant counts as seen where that frame is the nearer
-    one. Nothing is seen between frames that are too far apart (`is_bridged`). The same, with one frame after the other,
-    is `observer.motion.even_rate.Resampler`.
+    Nothing is left out of gaps, however long: nothing is seen in them.
     """
-    if len(at_ns) == 1:
-        return centres.astype(np.float32)
-    period_ns = SECOND_NS / rate_hz
-    count = int((at_ns[-1] - at_ns[0]) / period_ns) + 1
-    count += round(count * period_ns) <= at_ns[-1] - at_ns[0]
-    instants = at_ns[0] + np.round(np.arange(count) * period_ns).astype(np.int64)
-    after = np.maximum(np.searchsorted(at_ns, instants), 1)
-    gaps = at_ns[after] - at_ns[after - 1]
-    share = ((instants - at_ns[after - 1]) / gaps)[:, None, None]
-    previous, newest = centres[after - 1], centres[after]
-    mixed = (1 - share) * previous + share * newest
-    mixed = np.where(np.isfinite(mixed), mixed, np.where(share > 0.5, newest, previous))
-    near = _bridged(at_ns, centres)[after - 1][:, None, None]
-    # The instant of a frame itself needs no other frame.
-    between = np.where(near, mixed, np.nan)
-    return np.where(share <= 0, previous, np.where(share >= 1, newest, between)).astype(np.float32)
-
-
-def _bridged(at_ns: NDArray[np.int64], centres: Floats) -> NDArray[np.bool_]:
-    """(F - 1,) whether each gap is bridged."""
-    gaps_s = np.diff(at_ns) / SECOND_NS
-    bridged: NDArray[np.bool_] = gaps_s <= LONGEST_BRIDGE_S
-    if bridged.all():
-        return bridged
-    shown: NDArray[np.bool_] = np.logical_or.reduce(np.isfinite(centres[..., 0]), axis=1)
-    counted = np.flatnonzero(shown[1:] & shown[:-1])
-    for n in np.flatnonzero(~bridged):
-        last = counted[: np.searchsorted(counted, n, side="right")][-INTERVALS:]
-        bridged[n] = is_bridged(float(gaps_s[n]), usual_interval_s(gaps_s[last].tolist()))
-    return bridged
+    resampler = Resampler(rate_hz, (int(at_ns[-1]) - int(at_ns[0])) / SECOND_NS + 1)
+    frames = zip(at_ns.tolist(), centres, strict=True)
+    instants = [tracks.centres for at, frame in frames for tracks in resampler.update(at, Tracks(frame))]
+    return np.array(instants, np.float32)
 
 
 def spans_at_even_rate(spans: Sequence[Span], at_ns: NDArray[np.int64], rate_hz: float) -> tuple[Span, ...]:
@@ -81,7 +53,7 @@ STEADY = 0.5
 """A parabola needs a gap before the last one that is at least this share of it: through two sights that are close
 together and a third far away it would overshoot."""
 LONGEST_GAP_S = 3.0
-"""A longer gap counts as this long: by then the filter has forgotten all that it can forget."""
+"""In a longer gap the filter has forgotten all that it can forget."""
 
 
 Sight = tuple[int, Floats]
@@ -100,9 +72,10 @@ class Resampler:
     not away, and it may be as long as that of the slowest camera.
     """
 
-    def __init__(self, rate_hz: float) -> None:
-        """rate_hz: the model's rate, > 0."""
+    def __init__(self, rate_hz: float, longest_gap_s: float = LONGEST_GAP_S) -> None:
+        """rate_hz: the model's rate, > 0. longest_gap_s: a longer gap counts as this long."""
         self._period_ns = SECOND_NS / rate_hz
+        self._most = round(longest_gap_s * SECOND_NS / self._period_ns)
         self._begin_ns = 0
         self._count = 0
         self._previous: Sight | None = None
@@ -130,7 +103,7 @@ class Resampler:
         before, self._before = self._before, previous
         count = int((at_ns - self._begin_ns) / self._period_ns) + 1
         count += self._instant_ns(count) <= at_ns  # rounding must not hold an instant back
-        first = max(self._count, count - round(LONGEST_GAP_S * SECOND_NS / self._period_ns))
+        first = max(self._count, count - self._most)
         self._count = max(count, self._count)
         gap_s = (at_ns - previous[0]) / SECOND_NS
         if tracks.visible.any() and Tracks(previous[1]).visible.any():

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from common import SECOND_NS
 from common.text import without_secrets
 from observer.camera.base import kind_of
-from observer.camera.live import Backoff, CameraHealth, CameraHistory, CameraTimeouts, assess, digest, silent_in_s
+from observer.camera.live import Backoff, CameraHistory, CameraTimeouts, assess, digest, silent_in_s
 
 MS = 1_000_000
 times = st.integers(0, 10**13)
@@ -31,10 +31,6 @@ TIMEOUTS = CameraTimeouts(silence_s=0.9, same_s=1.0)
 )
 def test_the_first_rule_that_applies(history, now_ms, state):
     assert assess(history, now_ms * MS, TIMEOUTS).state == state
-
-
-def test_the_fault_is_the_reason():
-    assert assess(CameraHistory(0, 0, "unplugged"), 0, TIMEOUTS) == CameraHealth("lost", "unplugged")
 
 
 @given(times, st.integers(0, 5 * SECOND_NS), st.integers(0, 5 * SECOND_NS), st.sampled_from(["", "gone"]))

@@ -37,12 +37,6 @@ def test_a_lower_rate_keeps_the_first_frame():
     assert x(resample(line(5), 0.1)) == [0]
 
 
-def test_unseen_frames_affect_only_their_neighbours():
-    doubled = x(resample(line(5, unseen=[2]), 20.0))
-    np.testing.assert_array_equal(doubled, [0, 0.5, 1, np.nan, np.nan, np.nan, 3, 3.5, 4])
-    assert resample(line(5, unseen=[2]), 20.0).positions[:, 1].max() == 0
-
-
 @pytest.mark.parametrize("factor", range(2, 60))
 def test_rounding_never_hides_a_seen_frame(factor):
     finer = resample(line(12, rate_hz=0.7, unseen=range(1, 12, 2)), 0.7 * factor)
@@ -66,18 +60,6 @@ def test_spans_are_resampled_too():
     spans = (Span(0, 4, "a"), Span(4, 9, "b"), Span(10, 12, "c"))
     assert retime(line(12, spans=spans), 2.0).spans == (Span(0, 2, "a"), Span(2, 5, "b"), Span(5, 6, "c"))
     assert resample(line(12, spans=spans), 20.0).spans == (Span(0, 8, "a"), Span(8, 18, "b"), Span(20, 23, "c"))
-
-
-def test_a_span_between_two_new_frames_is_dropped():
-    assert retime(line(12, spans=(Span(0, 1, "a"), Span(1, 2, "b"))), 4.0).spans == (Span(0, 1, "a"),)
-
-
-def test_the_argument_is_not_changed():
-    recording = line(5, unseen=[2])
-    before = recording.positions.copy()
-    resample(recording, 7.0)
-    retime(recording, 1.3)
-    np.testing.assert_array_equal(recording.positions, before)
 
 
 @pytest.mark.parametrize("number", [0.0, -1.0, float("nan"), float("inf")])

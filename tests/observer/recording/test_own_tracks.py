@@ -10,9 +10,7 @@ from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import TracksCamera
 from observer.motion.archive_file import read_archive
-from observer.motion.even_rate import at_even_rate
 from observer.recording.own_tracks import TracksRecorder, moving_frames, trimmed
-from observer.runtime import pipeline
 from observer.teaching.takes_file import TracksFile
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
@@ -53,18 +51,6 @@ def test_a_take_is_cut_out_at_the_even_rate_and_trimmed_to_its_movement():
 def test_whoever_stands_still_has_not_moved():
     take = recorder_after(4, shown=lambda _: REST).cut(at(0), at(4), label="raise", subject="anna")
     assert moving_frames(take, BODY_PARTS) == (0, 0) and trimmed(take, BODY_PARTS) is take
-
-
-@pytest.mark.parametrize("gaps_ms", [(20, 120), (200, 600)], ids=["usual", "slow"])
-def test_recordings_show_what_the_observer_hands_its_model(gaps_ms):
-    rng = np.random.default_rng(4)
-    at_ns = BEGIN_NS + np.cumsum(rng.integers(*gaps_ms, 200)) * 1_000_000
-    at_ns[100:] += 2 * SECOND_NS
-    centres = rng.normal(size=(200, 3, 2))
-    centres[rng.random((200, 3)) < 0.2] = np.nan
-    resampler = pipeline.Resampler(15.0)
-    handed = [t.centres for at, c in zip(at_ns.tolist(), centres, strict=True) for t in resampler.update(at, Tracks(c))]
-    np.testing.assert_allclose(at_even_rate(at_ns, centres, 15.0), np.array(handed), rtol=1e-4, atol=1e-4)
 
 
 def test_old_tracks_are_forgotten_and_so_are_those_of_another_clock():

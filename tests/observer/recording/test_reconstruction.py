@@ -23,7 +23,6 @@ from observer.recording.reconstruction import (
     reconstruct,
     remove_spikes,
     resample_tracks,
-    to_performer_axes,
 )
 
 MATRIX = np.eye(3, 4)
@@ -142,11 +141,6 @@ def test_idle_ends_are_cut_except_for_a_margin():
     assert moving_span(positions[:3], [0], 30) == (0, 3)
 
 
-def test_a_room_with_z_up():
-    # The performer faces along x, right is -y: x forward, y left, z up.
-    np.testing.assert_array_equal(to_performer_axes(np.array([1.0, 2.0, 3.0]), "z", "x"), [-2, 3, -1])
-
-
 @pytest.mark.parametrize("up", UP_AXES)
 @pytest.mark.parametrize("front", UP_AXES)
 def test_the_axes_form_a_rotation(up, front):
@@ -159,11 +153,6 @@ def test_the_axes_form_a_rotation(up, front):
     assert np.linalg.det(R) == pytest.approx(1)
     np.testing.assert_array_equal(R @ UP_AXES[up], [0, 1, 0])
     np.testing.assert_array_equal(R @ UP_AXES[front], [0, 0, -1])
-
-
-def test_an_unknown_axis_is_rejected():
-    with rejected("--up 'w'"):
-        performer_axes("w", "-z")
 
 
 def test_a_metre_is_as_many_pixels_as_across_the_optical_axis_on_average_over_the_cameras():
