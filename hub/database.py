@@ -62,14 +62,14 @@ def opened(path: Path, version: int, schema: Sequence[str], *, busy_s: float = B
         return connection
 
 
-def opened_to_read(path: Path, version: int, *, busy_s: float = BUSY_S) -> sqlite3.Connection:
+def opened_to_read(path: Path, version: int) -> sqlite3.Connection:
     """The file at `path` to read from; raises DatabaseFault, also if there is none yet."""
     if not path.exists():
         raise DatabaseFault(
             f"{path}: nothing has been kept yet; labanmesh up, or labanmesh hub events, keeps what happens from then on"
         )
     with faults_of(path):
-        connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", busy_s, uri=True, isolation_level=None)
+        connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", BUSY_S, uri=True, isolation_level=None)
         connection.row_factory = sqlite3.Row
         try:
             _require_version(path, connection, version)

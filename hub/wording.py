@@ -55,12 +55,12 @@ def rounded(value: float | None, digits: int) -> float | None:
     return round(value, digits) + 0.0 if digits else round(value)
 
 
-def facing_words(facing_deg: float, degree: str = "°") -> str:
+def facing_words(facing_deg: float) -> str:
     """`front`, `45° left`, `90° right`, `back`."""
     left = (round(facing_deg) + 180) % 360 - 180
     if left in (0, -180):
         return "back" if left else "front"
-    return f"{abs(left)}{degree} {'left' if left > 0 else 'right'}"
+    return f"{abs(left)}° {'left' if left > 0 else 'right'}"
 
 
 def calendar_time(at_ns: int) -> datetime | None:

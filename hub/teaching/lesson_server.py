@@ -47,12 +47,12 @@ BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
 class LessonServer:
     """Where pages look at the lesson of a scene and press; `close` ends it.
 
-    clock: seconds of a monotonic clock. lesson: that which goes on, or the last one. silent: the observers that run and
-    do not answer. scene_state: what the fusion service says.
+    lesson: that which goes on, or the last one. silent: the observers that run and do not answer. scene_state: what the
+    fusion service says.
     """
 
-    def __init__(self, scene: Scene, link: Link, clock: Callable[[], float] = time.monotonic) -> None:
-        self.scene, self._clock = scene, clock
+    def __init__(self, scene: Scene, link: Link) -> None:
+        self.scene = scene
         self._client = TeachingClient(link, scene.keys)
         self._quick_client = TeachingClient(link, scene.keys, answer_s=1.0, attempts=1)
         self._presence = presence_of(scene, link)
@@ -75,7 +75,7 @@ class LessonServer:
 
     def looked(self) -> None:
         """A page asks how things stand."""
-        self._looked_s = self._clock()
+        self._looked_s = time.monotonic()
 
     def note(self, update: SceneUpdate) -> None:
         """Take in what a listener to the scene has received, in its thread."""
@@ -232,7 +232,7 @@ class LessonServer:
         """Ask the observers for their state while a page is open or a lesson waits: it stays their teacher."""
         while not self._closed.is_set():
             lesson = self.lesson
-            idle_s = self._clock() - self._looked_s
+            idle_s = time.monotonic() - self._looked_s
             goes_on = lesson is not None and not lesson.over
             waits = goes_on and lesson is not None and lesson.interface.shown.waits
             if lesson is not None and waits and idle_s > LESSON_LEFT_S:

@@ -47,7 +47,7 @@ class Sizes:
 
 def test_a_huge_put_with_blocking_congestion_control(stage, long_form):
     if not long_form:
-        pytest.skip("tests/deploy/test_router_files.py has a small one")
+        pytest.skip("tests/deploy/test_router_limits.py has a small one")
     size, since_ns = 900 << 20, time.time_ns()
     with Sizes(stage) as sizes:
         for key in keys_of(stage.scenes[0]):

@@ -103,7 +103,7 @@ def test_the_wheel_has_the_files_that_the_page_copies():
     carried = tomllib.loads((UNITS.parents[1] / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"][
         "package-data"
     ]
-    assert {"systemd/*", "zenoh/*"} <= set(carried.get("deploy", ()))
+    assert "systemd/*" in carried["deploy"]
     page = (UNITS.parents[1] / "docs" / "guide" / "operate.md").read_text("utf-8")
     copied = set(re.findall(r'"\$files"/(\S+)', page))
     assert copied == {"*.service", "*.target", "labanmesh.sysusers", "labanmesh.env"}
