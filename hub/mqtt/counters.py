@@ -92,7 +92,6 @@ class Counters:
 
     def _entities(self, label: str) -> list[Entity]:
         name, topic = label.replace("_", " ").capitalize(), self._topics.count(label)
-        available = (self._topics.bridge, self._topics.of("availability"))
         shown: dict[str, dict[str, Any]] = {
             "sensor": {
                 "state_topic": topic, "value_template": "{{ value_json.count }}", "json_attributes_topic": topic,
@@ -106,16 +105,15 @@ class Counters:
         }  # fmt: skip
         names = {"sensor": "count", "number": "target", "button": "reset"}
         return [
-            Entity(component, what, f"{name} {names[component]}", shown[component], available, label=label)
+            Entity(component, what, f"{name} {names[component]}", shown[component], label=label)
             for component, what in COUNT_PARTS.items()
         ]
 
     def _event(self) -> Entity:
-        available = (self._topics.bridge, self._topics.of("availability"))
         settings = {
             "state_topic": self._topics.of("target"), "icon": "mdi:bullseye-arrow", "event_types": [*self._tallies],
         }  # fmt: skip
-        return Entity("event", "TARGET", "Target reached", settings, available)
+        return Entity("event", "TARGET", "Target reached", settings)
 
 
 def _target_left(payload: object) -> int | None:

@@ -126,27 +126,28 @@ class Topics:
 
 @dataclass(frozen=True, slots=True)
 class Entity:
-    """One entity. what: the last part of its id, upper case. availability: topics that must all be `online`.
+    """One entity. what: the last part of its id, upper case. settings: its other keys in the discovery message.
 
-    observer: whose it is; "": the scene's. settings: its other keys in the discovery message.
+    observer: whose it is; "": the scene's. hub_alone: it needs the hub alone, else also its device.
     """
 
     component: str
     what: str
     name: str
     settings: dict[str, Any]
-    availability: Sequence[str]
     observer: str = ""
     label: str = ""
+    hub_alone: bool = False
 
     def discovery(self, topics: Topics, area: str) -> tuple[str, str]:
         """Topic and payload of its discovery message."""
+        device = topics.observer(self.observer, "availability") if self.observer else topics.of("availability")
         payload = {
             "name": self.name,
             "unique_id": topics.unique_id(self.what, self.label, self.observer),
             "has_entity_name": True,
             **self.settings,
-            "availability": [{"topic": topic} for topic in self.availability],
+            "availability": [{"topic": each} for each in (topics.bridge, *([] if self.hub_alone else [device]))],
             "availability_mode": "all",
             "device": _device(topics, self.observer, area),
             "origin": {"name": ORIGIN},
@@ -197,63 +198,56 @@ def _triggers(topics: Topics, labels: Sequence[str], area: str) -> Iterator[tupl
 
 
 def _events(topics: Topics, labels: Sequence[str], early: bool) -> Iterator[Entity]:
-    events = [
-        ("VERDICT", "Verdict", topics.of("verdict"), "mdi:gavel"),
-        ("ENDED", "Movement ended", topics.of("ended"), "mdi:flag-checkered"),
-        *([("EARLY", "Early word", topics.of("early"), "mdi:crystal-ball")] if early else []),
+    events: list[tuple[str, str, SceneTopic, str]] = [
+        ("VERDICT", "Verdict", "verdict", "gavel"),
+        ("ENDED", "Movement ended", "ended", "flag-checkered"),
+        ("EARLY", "Early word", "early", "crystal-ball"),
     ]
-    for what, name, topic, icon in events if labels else ():
-        settings = {"state_topic": topic, "icon": icon, "event_types": [*labels, ABSTAIN]}
-        yield Entity("event", what, name, settings, (topics.bridge, topics.of("availability")))
+    for what, name, topic, icon in events[: 2 + early] if labels else ():
+        settings = {"state_topic": topics.of(topic), "icon": f"mdi:{icon}", "event_types": [*labels, ABSTAIN]}
+        yield Entity("event", what, name, settings)
 
 
 def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str], people: Sequence[str]) -> Iterator[Entity]:
-    def sensor(what: str, name: str, settings: dict[str, Any]) -> Entity:
-        return Entity("sensor", what, name, settings, available)
-
-    available = (topics.bridge, topics.of("availability"))
-    movement = {"json_attributes_topic": topics.of("votes"), "icon": "mdi:karate"}
-    yield sensor("MOVEMENT", "Movement", _word(topics.of("state"), "movement") | movement)
-    yield sensor("CONFIDENCE", "Confidence", _value(topics.of("state"), "confidence") | PERCENT)
-    yield sensor("ENTROPY", "Entropy", _value(topics.of("state"), "entropy") | BITS)
-    last = {"json_attributes_topic": topics.of("last_verdict"), "icon": "mdi:history"}
-    yield sensor("LAST_VERDICT", "Last verdict", _word(topics.of("last_verdict"), "label") | last)
-    event = {"json_attributes_topic": topics.of("last_event"), "icon": "mdi:timeline-clock-outline"}
-    yield sensor("LAST_EVENT", "Last event", _word(topics.of("last_event"), "event") | event)
-    for facet in (each for each in (*EFFORT, *SHAPE) if each in facets):
-        yield sensor(facet.upper(), _title(facet), _facet(topics.of("facets"), facet))
+    state, how = topics.of("state"), topics.of("facets")
+    sensors = [
+        ("MOVEMENT", "Movement", _word(state, "movement", topics.of("votes"), "karate")),
+        ("CONFIDENCE", "Confidence", _value(state, "confidence") | PERCENT),
+        ("ENTROPY", "Entropy", _value(state, "entropy") | BITS),
+        ("LAST_VERDICT", "Last verdict", _word(last := topics.of("last_verdict"), "label", last, "history")),
+        ("LAST_EVENT", "Last event", _word(last := topics.of("last_event"), "event", last, "timeline-clock-outline")),
+        *((facet.upper(), _title(facet), _facet(how, facet)) for facet in (*EFFORT, *SHAPE) if facet in facets),
+    ]
     if FACING in facets:
         compass = {"unit_of_measurement": "°", "icon": "mdi:compass"}
-        yield sensor(FACING.upper(), "Facing", _value(topics.of("facets"), FACING) | compass)
+        sensors.append((FACING.upper(), "Facing", _value(how, FACING) | compass))
+    yield from (Entity("sensor", *each) for each in sensors)
     for person in people:
-        settings = _word(topics.of("person", person), "movement") | {"icon": "mdi:account"}
-        yield Entity("sensor", "PERSON", f"Movement of {person}", settings, available, label=person)
+        word = _word(topics.of("person", person), "movement", icon="account")
+        yield Entity("sensor", "PERSON", f"Movement of {person}", word, label=person)
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
-        yield Entity("binary_sensor", DOES, _title(label), settings, available, label=label)
+        yield Entity("binary_sensor", DOES, _title(label), settings, label=label)
 
 
 def _falls(topics: Topics) -> list[Entity]:
     """The alarm, which stays as it is while the watch is away: it may have been the last thing that was seen."""
-    attributes = {"json_attributes_topic": topics.of("fall")}
-    alarm = {"state_topic": topics.of("fallen"), "device_class": "safety", "icon": "mdi:human-fall"} | attributes
-    posture = _word(topics.of("fall"), "stage") | {"icon": "mdi:human"}
+    fall = topics.of("fall")
+    alarm = {"state_topic": topics.of("fallen"), "device_class": "safety", "icon": "mdi:human-fall"}
     return [
-        Entity("binary_sensor", "FALLEN", "Fallen", alarm, (topics.bridge,)),
-        Entity("sensor", "POSTURE", "Posture", posture, (topics.bridge,)),
+        Entity("binary_sensor", "FALLEN", "Fallen", alarm | {"json_attributes_topic": fall}, hub_alone=True),
+        Entity("sensor", "POSTURE", "Posture", _word(fall, "stage", icon="human"), hub_alone=True),
     ]
 
 
 def _observer(topics: Topics, observer: str) -> Iterator[Entity]:
-    available = (topics.bridge, topics.observer(observer, "availability"))
     diagnostic = {"entity_category": "diagnostic"}
     connected = {"state_topic": topics.observer(observer, "connected"), "device_class": "connectivity", **diagnostic}
     # It shows "off" when the observer's other entities are unavailable, so it depends on the hub alone.
-    yield Entity("binary_sensor", "CONNECTED", "Connected", connected, (topics.bridge,), observer)
+    yield Entity("binary_sensor", "CONNECTED", "Connected", connected, observer, hub_alone=True)
     health, state = topics.observer(observer, "health"), topics.observer(observer, "state")
-    yield Entity("sensor", "OPINION", "Opinion", _word(health, "opinion") | {"icon": "mdi:flag"}, available, observer)
-    status = _word(health, "state") | diagnostic | {"json_attributes_topic": health}
-    yield Entity("sensor", "STATE", "State", status, available, observer)
+    yield Entity("sensor", "OPINION", "Opinion", _word(health, "opinion", icon="flag"), observer)
+    yield Entity("sensor", "STATE", "State", _word(health, "state", health) | diagnostic, observer)
     numbers = [
         ("ENTROPY", "Entropy", BITS),
         ("WEIGHT", "Weight", PERCENT),
@@ -264,7 +258,7 @@ def _observer(topics: Topics, observer: str) -> Iterator[Entity]:
         ("REJECTED", "Rejected messages", {"state_class": "total_increasing"}),
     ]
     for what, name, settings in numbers:
-        yield Entity("sensor", what, name, _value(state, what.lower()) | settings | diagnostic, available, observer)
+        yield Entity("sensor", what, name, _value(state, what.lower()) | settings | diagnostic, observer)
 
 
 def _title(name: str) -> str:
@@ -276,9 +270,11 @@ def _value(topic: str, field: str) -> dict[str, Any]:
     return {"state_topic": topic, "value_template": "{{ value_json." + field + " }}"}
 
 
-def _word(topic: str, field: str) -> dict[str, Any]:
+def _word(topic: str, field: str, attributes: str = "", icon: str = "") -> dict[str, Any]:
     """A word of a JSON state; Home Assistant would show null as the word "None"."""
-    return {"state_topic": topic, "value_template": "{{ value_json." + field + " or 'unknown' }}"}
+    word = {"state_topic": topic, "value_template": "{{ value_json." + field + " or 'unknown' }}"}
+    more = {"json_attributes_topic": attributes, "icon": icon and f"mdi:{icon}"}
+    return word | {key: value for key, value in more.items() if value}
 
 
 def _facet(topic: str, facet: str) -> dict[str, Any]:
