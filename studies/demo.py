@@ -71,10 +71,6 @@ class DemoTraffic:
 
 
 def demo(
-    motion: Annotated[Path | None, typer.Option(help="A motion archive of recorded people instead of ours.")] = None,
-    subject: Annotated[
-        str | None, typer.Option(help="The person of the archive who performs; default: the last.")
-    ] = None,
     output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of all random choices.")] = 0,
     pixels: Annotated[
@@ -84,21 +80,15 @@ def demo(
 ) -> None:
     """Run the whole system here: four observer processes in the corners, one fusion service, verdicts against truth.
 
-    The performer is synthetic unless --motion names recorded people. Virtual cameras film the performer.
+    Virtual cameras film a synthetic performer.
 
     Example: labanmesh demo
-
-    Example: labanmesh demo --motion msr.npz --subject 8
     """
-    from observer.motion.archive_file import read_archive
     from studies.demo_films import film_tracks
     from studies.demo_report import draw_figures, movement_rows, result_text
-    from studies.demo_scene import PREVIEWED, recorded_performance, synthetic_performance, write_demo
+    from studies.demo_scene import PREVIEWED, synthetic_performance, write_demo
 
-    if motion is None:
-        performance = synthetic_performance(seed)
-    else:
-        performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
+    performance = synthetic_performance(seed)
     print(performance.title)
     with ProgressBar() as bar:
         scene, rate = write_demo(performance, output, bar, pixels)

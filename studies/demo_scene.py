@@ -1,27 +1,23 @@
 """The files of a demo: a performance, one model per corner, a scene file."""
 
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
-from common.errors import BadInput, LabanmeshError
+from common.errors import LabanmeshError
 from common.parallel import cores, run_parts
-from common.text import plural
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.model_file import write_model
-from observer.motion.archive import MotionArchive, Recording, movements_in, resample, subjects_in
+from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import write_archive
 from observer.tracking.camshift import CamshiftTracker
 from studies.demo_films import FILM_SIZE_PX, RATES_HZ, FilmedCorner, FilmRate, film_performance
 from studies.output_files import make_folder, write_text
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
-from studies.trials import strung
 
 DEMO_CORNERS = {
     "front-left": "yaw:315,pitch:20",
@@ -40,8 +36,6 @@ LARGE_PX = (640, 480)
 """Of pictures from the front in which a face is found that was too small in those of FILM_SIZE_PX."""
 PREVIEWED = "front-left"
 """The observer whose view is filmed with the tracks drawn in."""
-DEMO_MOVEMENTS_LIMIT = 10
-"""Movements of a recorded person that fit into a demo of under 90 s."""
 Progress = Callable[[str, int, int], None]
 
 
@@ -63,37 +57,6 @@ def synthetic_performance(seed: int) -> Performance:
     )
     stream = perform_continuously(last, MOVEMENTS, seed=seed)
     return Performance(title, stream, perform(others, trials=8, seed=seed), Vocabulary(MOVEMENTS, "the paper's eight"))
-
-
-def recorded_performance(archive: MotionArchive, name: str, subject: str | None, seed: int) -> Performance:
-    """One person of an archive, judged by models of the others; recordings are strung together with rest between.
-
-    Raises BadInput for an unknown person and for an archive of a single person.
-    """
-    subjects = subjects_in(archive.recordings)
-    chosen = subject or subjects[-1]
-    if chosen not in subjects:
-        raise BadInput(f"--subject {chosen!r}: not in {name}; it has {', '.join(subjects)}")
-    if len(subjects) < 2:
-        raise BadInput(f"--motion {name}: shows 1 person; the observers learn from others, so it needs at least 2")
-    others = tuple(r for r in archive.recordings if r.subject != chosen)
-    learned = MotionArchive(archive.body_parts, tuple(movements_in(MotionArchive(archive.body_parts, others))))
-    labels = tuple(dict.fromkeys(r.label for r in learned.recordings if r.label))
-    stream = _stream_of([r for r in archive.recordings if r.subject == chosen], labels, seed)
-    others_text = plural(len(subjects) - 1, "other")
-    title = f"recorded person {chosen} of {name}; models learned from {others_text}"
-    return Performance(title, stream, learned, Vocabulary(labels))
-
-
-def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Recording:
-    """The person's continuous recording if there is one, else one recording each of up to ten movements."""
-    whole = [r for r in own if r.spans]
-    if whole:
-        return whole[0]
-    rng = np.random.default_rng([seed, 3])
-    first = {r.label: r for r in own if r.label in labels}
-    picked = rng.permutation(sorted(first))[:DEMO_MOVEMENTS_LIMIT]
-    return strung([first[str(label)] for label in picked], rng)[0]
 
 
 def write_demo(

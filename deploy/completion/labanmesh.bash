@@ -5,7 +5,7 @@ _labanmesh() {
         words="demo init up teach doctor watch dashboard count history notify hub capture replay camera phone import learn forget score evaluate observe fuse router secure completion new"
     else
         case "$first $second" in
-            "demo "*) words="--motion --subject --output --seed --pixels --no-pixels" ;;
+            "demo "*) words="--output --seed --pixels --no-pixels" ;;
             "init "*) words="--source --look --no-look" ;;
             "up "*) words="--for --exit-when-done" ;;
             "teach "*) words="--takes --background-minutes --person --add --reference --seconds --countdown --test --no-test --alarm-minutes --begin --up --rehearse --was --learn --earlier --restore --film --observer" ;;

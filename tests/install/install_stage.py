@@ -53,7 +53,7 @@ class Job:
 
 
 JOBS = (
-    Job("demo", "demo --motion known.npz --no-pixels --output demo", "observer", line="written:"),
+    Job("demo", "demo --no-pixels --output demo", "observer", line="written:"),
     Job("init", "init new.toml --no-look", line="wrote new.toml"),
     Job("up", "up room.toml --exit-when-done", line="sofa finished"),
     Job("observe", "observe room.toml sofa", line="source ended"),
