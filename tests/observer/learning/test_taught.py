@@ -181,7 +181,7 @@ def test_streams_of_tracks_are_judged_as_those_in_3d(evaluated):
     assert of_tracks == in_space
 
 
-@pytest.mark.parametrize("option", ["--turn=90", "--facings=4"])
+@pytest.mark.parametrize("option", ["--turn=90", "--parameter=facings=4"])
 def test_what_needs_positions_in_space_is_refused_for_tracks(run, files, option):
     status, _, err = run("evaluate", files / "sofa.npz", "--train-subjects", "1", option)
     assert status == 2 and err.count("\n") == 1 and "needs positions in 3-D" in err
