@@ -5,7 +5,6 @@ import pytest
 
 from benchmarks.clips.judging import AFTER_S, ClipResult, ClipVerdict, judge
 from benchmarks.clips.report import line, summary
-from benchmarks.clips.variants import WIDTH_PX, Variant, variants
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN, Vocabulary
 from observer.geometry.views import parse_view
@@ -58,14 +57,3 @@ def test_the_first_verdict_counts_and_every_name_is_reported():
     clips, wave, stand = summary(results, ("wave", "stand")).splitlines()
     assert clips.startswith("clips: first verdict right 1 of 3, wrong 2, with an abstention 1")
     assert wave.startswith("wave: 2 named") and stand == "stand: 0 named (), 1 in all"
-
-
-def test_a_variant_is_the_same_film_from_later_on_faster_and_mirrored():
-    centres = np.random.default_rng(0).uniform(0, WIDTH_PX, (30, 3, 2))
-    shown, rate_hz = Variant(mirrored=True, start_s=1.0, tempo=1.25, scale=2.0).apply(centres, 10.0)
-    again, _ = Variant(mirrored=True, start_s=0.0, tempo=1.0, scale=1.0).apply(shown / 2, rate_hz)
-    assert rate_hz == 12.5
-    np.testing.assert_allclose(again, centres[10:])
-    # The left hand of the mirrored person is the right one, as far from the other edge.
-    np.testing.assert_allclose(shown[0, 0], 2 * (np.array([WIDTH_PX, 0]) + centres[10, 1] * (-1, 1)))
-    assert len(set(variants())) == len(list(variants()))

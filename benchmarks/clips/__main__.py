@@ -14,9 +14,8 @@ from benchmarks.clips.judging import ClipResult, judge
 from benchmarks.clips.learning import ALL, Learning, chosen_background, chosen_labels
 from benchmarks.clips.material import Clip, centres_in, clip_view, gesture_clips, recordings, webcam_clips
 from benchmarks.clips.processes import judge_through_processes
-from benchmarks.clips.report import by_movement, line, still_summary, summary, timeline, webcam_summary
+from benchmarks.clips.report import by_movement, line, still_summary, summary
 from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
-from benchmarks.clips.variants import variants
 from benchmarks.command_line import recordings_folder, run_command
 from common.command_options import takes_options
 from common.config_sections import FusionConfig
@@ -36,12 +35,10 @@ EVERY = 5
 
 class Material(StrEnum):
     """films: 16 clips, a person who waves, and one who stands. recordings: what the clips are cut from, in 3-D, all of
-    them. webcam: variants of the person who waves and stands. still: people who stand still for 10 s, in films and in
-    recordings."""
+    them. still: people who stand still for 10 s, in films and in recordings."""
 
     FILMS = "films"
     RECORDINGS = "recordings"
-    WEBCAM = "webcam"
     STILL = "still"
 
 
@@ -79,7 +76,6 @@ class ClipsOptions:
         bool, typer.Option("--check", help="With --processes: fail if the fast way gives other first verdicts.")
     ] = False
     scale: Annotated[float, typer.Option(min=0.1, max=1, help="Of the 16 clips, padded to their former size.")] = 1.0
-    moments: Annotated[bool, typer.Option("--timeline", help="Also print each judgement.")] = False
 
 
 @takes_options
@@ -88,7 +84,7 @@ def clips(options: ClipsOptions) -> None:
 
     LABANMESH_DATA names the folder of recordings. Tracking needs mediapipe (.venv-mediapipe).
 
-    Example: python -m benchmarks.clips --labels four --background blends --timeline
+    Example: python -m benchmarks.clips --labels four --background blends
 
     Example: python -m benchmarks.clips recordings --model phase
 
@@ -101,9 +97,6 @@ def clips(options: ClipsOptions) -> None:
         _films(playing, options)
     elif options.material is Material.RECORDINGS:
         print("\n".join(by_movement(list(_recordings(playing)))))
-    elif options.material is Material.WEBCAM:
-        for clip in webcam_clips(playing.data):
-            print(webcam_summary(clip.name, [_shown(result) for result in _variants(playing, clip)]))
     else:
         for kind, results in (("films", _still_films(playing)), ("recordings", _still_recordings(playing))):
             print(still_summary(kind, [_shown(result) for result in results]))
@@ -151,8 +144,6 @@ def _films(playing: Playing, options: ClipsOptions) -> None:
         result = _played(case, playing.config) if options.processes else _judged(case, playing)
         results.append(result)
         print(line(result), flush=True)
-        if options.moments:
-            print("\n".join(timeline(result)))
         if options.check and first_word(result) != first_word(_judged(case, playing)):
             different.append(result.name)
     print(summary(results, [clip.name for clip in webcam_clips(playing.data)]))
@@ -200,13 +191,6 @@ def _still_recordings(playing: Playing) -> Iterator[ClipResult]:
         for share in SHARES:
             centres = frozen_recording(recording, share, playing.view, n)
             yield judge(f"{recording.label} {share:.0%}", "", centres, FLORENCE_HZ, model, playing.config)
-
-
-def _variants(playing: Playing, clip: Clip) -> Iterator[ClipResult]:
-    centres, model = centres_in(clip, playing.tracks), playing.learning.model("", "door")
-    for variant in variants():
-        shown, rate_hz = variant.apply(centres, FLORENCE_HZ)
-        yield judge(f"{clip.name} {variant}", clip.label, shown, rate_hz, model, playing.config)
 
 
 def _shown(result: ClipResult) -> ClipResult:

@@ -1,7 +1,6 @@
 """Results of films, recordings and still people as text."""
 
 from collections.abc import Iterator, Sequence
-from statistics import median
 
 from benchmarks.clips.judging import ClipResult
 from common.vocabulary import ABSTAIN
@@ -21,13 +20,6 @@ def line(result: ClipResult) -> str:
     return (
         f"{result.name:6s} {result.seconds:4.1f} s {mark} {result.label:12s} {', '.join(words) or '-':40s} best: {peak}"
     )
-
-
-def timeline(result: ClipResult) -> Iterator[str]:
-    """Each judgement of a film."""
-    for moment in result.moments:
-        rest = "-" if moment.rest is None else f"{moment.rest:.2f}"
-        yield f"    {moment.at_s:5.2f} s  {moment.label:14s} {moment.p:.2f}  none {moment.unlearned:.2f}  rest {rest}"
 
 
 def summary(results: Sequence[ClipResult], webcam: Sequence[str] = ()) -> str:
@@ -68,17 +60,3 @@ def still_summary(kind: str, results: Sequence[ClipResult]) -> str:
     when = "" if first is None else f", the first after {first:.1f} s"
     abstained = sum(bool(result.verdicts) and not result.words for result in results)
     return f"{kind}: {len(wrong)} of {len(results)} still people named, {words} times{when}; {abstained} abstentions"
-
-
-def webcam_summary(name: str, results: Sequence[ClipResult]) -> str:
-    """Of variants of one film: how often the right label alone was named, and when; or how often nothing was."""
-    if not results[0].label:
-        return still_summary(name, results)
-    alone = [r for r in results if [(v.label, v.last) for v in r.verdicts] == [(r.label, r.label)]]
-    first = [r.verdicts[0].at_s for r in results if r.first_is_right]
-    others = sum(v.label != r.label or v.last != r.label for r in results for v in r.words)
-    when = f", after {median(first):.1f} s (median)" if first else ""
-    return (
-        f"{name}: first verdict right {len(first)} of {len(results)}{when}; one verdict and right {len(alone)}; "
-        f"{others} other names in all"
-    )
