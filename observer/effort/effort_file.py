@@ -14,7 +14,7 @@ from observer.effort.model import FACTOR_FEATURES, FACTORS, EffortModel
 from observer.files import read_arrays, write_arrays
 from observer.model.base import array_in
 
-VERSION = {
+FORMAT_HEADER = {
     "format": 1,
     "features": list(FEATURE_NAMES),
     "evidence": {factor: list(names) for factor, names in FACTOR_FEATURES.items()},
@@ -26,7 +26,7 @@ LEARN_EFFORT = "make one with labanmesh learn ... --effort"
 def write_effort(path: Path, model: EffortModel) -> None:
     """Write the model, completely or not at all; raises BadInput or LabanmeshError as `write_arrays` does."""
     header = {
-        **VERSION,
+        **FORMAT_HEADER,
         "kind": "effort",
         "view": model.view,
         "rate_hz": model.rate_hz,
@@ -56,7 +56,7 @@ def read_effort(path: Path) -> EffortModel:
         header = json.loads(str(arrays["header"]))
         if header["kind"] != "effort":
             raise BadInput(f"{path}: a model of kind {header['kind']!r}, an Effort model is expected; {LEARN_EFFORT}")
-        if any(header[name] != value for name, value in VERSION.items()):
+        if any(header[name] != value for name, value in FORMAT_HEADER.items()):
             raise BadInput(f"{path}: learned by another version (format, features); {LEARN_EFFORT}")
         return _model_of(header, arrays)
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
