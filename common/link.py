@@ -1,25 +1,19 @@
 """The link to the mesh: opening and closing a Zenoh session. Only this file and subsession.py import Zenoh.
 
 1. A link sends and receives bytes; subsession.py declares publishers, inboxes and queries.
-2. Zenoh closes a dead link on a thread that also receives from others (zenoh #2718). With SO_LINGER, the close of a
-   link whose cable was pulled would block them all for 10 s, and Zenoh has no setting for it. So this file switches
-   SO_LINGER off on this process's TCP sockets (Linux only, where a process can list its own descriptors).
+2. open_links.py looks after the links of a process while they are open, and closes them when it ends.
 3. zenoh_settings.py makes the settings of a session, tls.py finds out why a secured one cannot be opened.
 """
 
 import json
 import logging
 import math
-import os
-import socket
-import struct
 import threading
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from datetime import UTC, datetime
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +22,7 @@ import zenoh
 from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
 from common.lost_peers import LostPeers, end_connections
+from common.open_links import attend
 from common.subsession import Publisher, SubSession
 from common.zenoh_settings import ADMITTED, MeshRole, reason, settings
 
@@ -44,10 +39,6 @@ CONNECTION_CHECK_S, LOST_CHECKS = 0.5, 4
 """A process that has had no router for so many checks in a row says so; one that changes its rules is back sooner."""
 ADMISSION_TIMEOUT_S = 3.0
 """A router answers an admitted client in a millisecond, and others never; this leaves time for a busy router."""
-LINGER_CHECK_S = 0.5
-"""A quarter of the lease, so that every socket is found before its link can be given up."""
-DESCRIPTORS = "/proc/self/fd"
-LINGER_OFF = struct.pack("ii", 0, 0)
 
 log = logging.getLogger("labanmesh.common")
 
@@ -60,7 +51,7 @@ class Link(SubSession):
         self._endpoint = endpoint
         self._whatami = whatami
         self._closing = threading.Lock()
-        _keep_linger_off()
+        attend(self)
 
     @classmethod
     def open(
@@ -191,7 +182,11 @@ class Link(SubSession):
         for inbox in self._inboxes:
             inbox.wake()
         ending = threading.Thread(target=self._session.close, daemon=True, name="link-close")
-        ending.start()
+        try:
+            ending.start()
+        except RuntimeError:  # at the interpreter's end no thread can begin
+            ending.run()
+            return
         ending.join(CLOSE_TIMEOUT_S)
         if ending.is_alive():
             log.warning("the Zenoh session did not close within %g s; it ends with the process", CLOSE_TIMEOUT_S)
@@ -258,40 +253,3 @@ def _explain(mesh: MeshConfig, message: str, endpoint: str) -> str:
 
     fault = endpoint_fault(mesh, datetime.now(UTC)) if "Unable to connect" in message else None
     return reason(message, f"mesh.endpoint = {endpoint!r}") if fault is None else str(fault)
-
-
-def end_lingering() -> int:
-    """Switch SO_LINGER off on all TCP sockets that this process has now; returns the number of sockets changed.
-
-    All are checked each time: Zenoh sets the option when a connection is made, maybe long after the socket was opened.
-    """
-    changed = 0
-    with suppress(OSError):
-        for name in os.listdir(DESCRIPTORS):  # noqa: PTH208 - pathlib takes three times as long
-            with suppress(OSError, ValueError):
-                if os.readlink(f"{DESCRIPTORS}/{name}").startswith("socket:"):  # noqa: PTH115
-                    changed += _switch_off_linger(int(name))
-    return changed
-
-
-def _switch_off_linger(descriptor: int) -> bool:
-    # A duplicate, which can be closed: options belong to the socket and not to the descriptor.
-    with socket.socket(fileno=os.dup(descriptor)) as duplicate:
-        if duplicate.type != socket.SOCK_STREAM or duplicate.family not in (socket.AF_INET, socket.AF_INET6):
-            return False
-        if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] == LINGER_OFF[:4]:
-            return False
-        duplicate.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER_OFF)
-        return True
-
-
-@cache
-def _keep_linger_off() -> None:
-    """Start the thread that checks twice a second; one per process, however often this is called."""
-    threading.Thread(target=_repeat, daemon=True, name="lingering").start()
-
-
-def _repeat() -> None:
-    while True:
-        end_lingering()
-        time.sleep(LINGER_CHECK_S)

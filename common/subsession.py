@@ -241,7 +241,14 @@ class SubSession:
     def _ask_once(self, key: str, timeout_s: float) -> list[tuple[str, bytes]]:
         # Several answers of one key are a history, of which Zenoh would keep only one.
         each = zenoh.ConsolidationMode.NONE
-        replies = self._session.get(key, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s)
+        if self._session.is_closed():
+            return []
+        try:
+            replies = self._session.get(key, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s)
+        except zenoh.ZError:
+            if self._session.is_closed():  # at this moment
+                return []
+            raise
         answers, size = [], 0
         for reply in replies:
             # All are received, or those that wait would hold up the session; of a flood only the first are kept.

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from processes import SOON_S
 
 from common.inbox import Inbox, Presence
-from common.link import end_lingering
+from common.open_links import end_lingering
 
 
 @given(st.integers(1, 8), st.integers(0, 30))

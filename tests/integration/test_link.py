@@ -308,6 +308,47 @@ def test_a_link_may_be_closed_twice_and_wakes_a_waiting_loop(fusion):
     waiting.join(SOON_S)
 
 
+ENDING = """
+import sys, threading
+from common.config import MeshConfig
+from common.link import Link
+link = Link.open(MeshConfig(endpoint=sys.argv[1]), "hub")
+inbox, publisher = link.inbox("x/a"), link.publisher("x/a")
+begun = threading.Event()
+def repeat(call):
+    while True:
+        call()
+        begun.set()
+def stops(call):
+    threading.Thread(target=repeat, args=(call,), daemon=True).start()
+    begun.wait()
+def works():
+    assert not link._closed.wait(0.3) and link.ask("x/answer", 5)
+    begun.set()
+"""
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        "link.request('x/answer', lambda *_: None, 1)",
+        "stops(lambda: publisher.put(b'1'))",
+        "stops(lambda: link.ask('x/answer', 5)); link.close()",
+        "1 / 0",
+        "threading.Thread(target=works).start()",
+    ],
+)
+def test_a_program_that_leaves_its_link_open_ends_in_order_whatever_arrives(fusion, peer, end):
+    """The interpreter's end meets no thread within Zenoh, waits for none that waits for messages, and cuts none off."""
+    fusion.answer("x/answer", lambda: [b"answer"] * 100)
+    publisher, command = fusion.publisher("x/a"), [sys.executable, "-c", ENDING + end, fusion.locator]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while process.poll() is None:
+            publisher.put(b"1")
+        errors = process.stderr.read()
+    assert process.returncode == (end == "1 / 0") and "not rethrown" not in errors, errors
+
+
 def test_a_session_that_does_not_close_is_left_behind(monkeypatch, caplog):
     monkeypatch.setattr("common.link.CLOSE_TIMEOUT_S", 0.05)
     release = threading.Event()
