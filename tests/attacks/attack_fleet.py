@@ -4,9 +4,8 @@ The first scene has real observers; `attack_echo.py` publishes what they do in t
 standby service, many are shared by the two services.
 """
 
-import io
 import sys
-from contextlib import ExitStack, redirect_stdout
+from contextlib import ExitStack
 from pathlib import Path
 
 from attack_listeners import listeners
@@ -14,8 +13,6 @@ from fault_processes import Process
 from fault_slow_line import SlowLine
 from fault_stage import SCENE, SERVICES, VIEWS, Stage
 from processes import labanmesh
-
-import labanmesh as command_line
 
 HERE = Path(__file__).parent
 ECHO = "echo"
@@ -25,8 +22,8 @@ class Fleet(Stage):
     """scenes: how many; secured: certificates for each process, and the router's access rules."""
 
     def __init__(self, replay, folder, *, scenes=1, secured=False):
-        super().__init__(replay, folder, fusions=SERVICES)
-        self.scenes, self._secured = [SCENE, *(f"{SCENE}{n}" for n in range(1, scenes))], secured
+        super().__init__(replay, folder, fusions=SERVICES, secured=secured)
+        self.scenes = [SCENE, *(f"{SCENE}{n}" for n in range(1, scenes))]
         if secured:
             self.endpoint = f"tls/127.0.0.1:{self.port}"
         folder = self.folder = folder / "fleet"
@@ -50,11 +47,6 @@ class Fleet(Stage):
             name: Process(command, environment=self.environment(name)) for name, command in commands.items()
         }
 
-    def environment(self, certificate):
-        if not self._secured:
-            return {}
-        return {"LABANMESH_MESH_CREDENTIALS": str(self.folder / "secure" / f"{certificate}.1")}
-
     def _certify(self):
         machines = {"router": (), "hub": ("--hub",)} | {name: ("--fusion", name) for name in SERVICES}
         machines |= {name: ("--observer", f"{SCENE}/{name}") for name in VIEWS}
@@ -62,13 +54,7 @@ class Fleet(Stage):
             # The other scenes' observers, on one machine.
             places = [("--observer", f"{scene}/{name}") for scene in self.scenes[1:] for name in VIEWS]
             machines[ECHO] = ("--hub", *(word for place in places for word in place))
-        self._secure("init")
-        for name, rights in machines.items():
-            self._secure("add", name, *rights)
-
-    def _secure(self, verb, *words):
-        with redirect_stdout(io.StringIO()):
-            assert command_line.main(["secure", verb, str(self.place), *words]) == 0
+        self.certify(self.place, machines)
 
     def witness(self, inside=(), scene_file=None):
         return super().witness(inside, scene_file or self.place)

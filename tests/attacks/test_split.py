@@ -113,7 +113,7 @@ def test_after_a_split_each_movement_of_two_people_has_one_verdict_that_ended(tm
         stage.processes["wheel"] = stage.observer("wheel", far_file)
         stage.processes["far router"] = far_router(tmp_path, port, line.port)
         stage.play()
-        near, far = stage.witness(), stage.witness(far_file)
+        near, far = stage.witness(), stage.witness(scene_file=far_file)
         for witness in (near, far):
             witness.wait_for(both_count, why="all count")
         since_ns = time.time_ns()

@@ -47,11 +47,8 @@ def test_a_place_survives_the_wire(x, z, xx, zz):
 @pytest.mark.parametrize(
     "place",
     [
-        {"at": [1.0], "covariance": [1.0, 0.0, 1.0]},
-        {"at": [1.0, float("nan")], "covariance": [1.0, 0.0, 1.0]},
-        {"at": [1.0, 1e9], "covariance": [1.0, 0.0, 1.0]},
-        {"at": [1.0, 1.0], "covariance": [1.0, 2.0, 1.0]},
-        {"at": [1.0, 1.0], "covariance": [0.0, 0.0, 1.0]},
+        *({"at": at, "covariance": [1.0, 0.0, 1.0]} for at in ([1.0], [1.0, float("nan")], [1.0, 1e9])),
+        *({"at": [1.0, 1.0], "covariance": wrong} for wrong in ([1.0, 2.0, 1.0], [0.0, 0.0, 1.0])),
         {"at": [1.0, 1.0], "covariance": [1.0, 0.0, float("inf")]},
         [1.0, 1.0],
     ],

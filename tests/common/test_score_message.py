@@ -32,21 +32,13 @@ def test_a_posterior_carries_a_score_and_its_remarks():
 @pytest.mark.parametrize(
     "fields",
     [
-        {"score": 10.5},
-        {"score": -0.1},
-        {"score": math.nan},
-        {"certainty": 2.0},
-        {"certainty": math.inf},
-        {"label": "x" * 65},
-        {"ended_ns": -1},
-        {"ended_ns": LAST_INTEGER + 1},
-        {"remarks": [REMARK] * 4},
-        {"remarks": [{**REMARK, "joint": "x" * 65}]},
-        {"remarks": [{**REMARK, "moment": 1.5}]},
-        {"remarks": [{**REMARK, "degrees": math.nan}]},
-        {"remarks": [{**REMARK, "strength": -1.0}]},
+        {"score": 10.5}, {"score": -0.1}, {"score": math.nan}, {"certainty": 2.0}, {"certainty": math.inf},
+        {"label": "x" * 65}, {"ended_ns": -1}, {"ended_ns": LAST_INTEGER + 1}, {"remarks": [REMARK] * 4},
+        *({"remarks": [{**REMARK, **wrong}]} for wrong in (
+            {"joint": "x" * 65}, {"moment": 1.5}, {"degrees": math.nan}, {"strength": -1.0},
+        )),
     ],
-)
+)  # fmt: skip
 def test_a_score_out_of_range_is_rejected(fields):
     assert reason_of(PosteriorMessage, with_score(**fields)) == "malformed"
 

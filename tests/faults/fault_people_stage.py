@@ -1,16 +1,13 @@
 """The processes that see and judge two SIMULATED people, to be made to fail, and a witness of what is published."""
 
-import io
 import sys
-from contextlib import ExitStack, redirect_stdout
 
 import fault_people
 from fault_people import APART_NS, CYCLE_NS, LABELS, MOVES_NS, OBSERVERS, PEOPLE, label_of
 from fault_processes import Process
-from fault_stage import SERVICES, Movement, Witness
+from fault_stage import SERVICES, Movement, ProcessStage
 from processes import labanmesh
 
-import labanmesh as command_line
 from benchmarks.timing import free_port
 
 
@@ -25,19 +22,21 @@ def performed(person, from_ns, until_ns):
     return movements
 
 
-class PeopleStage:
+class PeopleStage(ProcessStage):
     """A router, two fusion services, a hub, three observers and a witness; a context manager that ends them all.
 
     secured: with certificates. lie: what the last observer does.
     """
 
     def __init__(self, folder, *, secured=False, lie=None, extra=""):
-        self.folder, self._secured, self._ended = folder, secured, ExitStack()
+        super().__init__(folder, secured)
         self.port = free_port()
         self.endpoint = f"{'tls' if secured else 'tcp'}/127.0.0.1:{self.port}"
         self.file = self.write("scene.toml", self.endpoint, extra)
         if secured:
-            self._certify()
+            machines = {"router": (), "hub": ("--hub",)} | {name: ("--fusion", name) for name in SERVICES}
+            machines |= {name: ("--observer", f"dojo/{name}") for name in OBSERVERS}
+            self.certify(self.file, machines)
         router = ("router", "--scene", self.file) if secured else ("router", self.endpoint)
         self.processes = {"router": Process(labanmesh(*router), environment=self.environment("router"))}
         for name in SERVICES:
@@ -67,48 +66,6 @@ class PeopleStage:
         """The process of an observer."""
         command = [sys.executable, fault_people.__file__, str(file), name, *lie]
         return Process(command, environment=self.environment(name))
-
-    def environment(self, certificate):
-        """What a process needs in a secured mesh."""
-        place = self.folder / "secure" / f"{certificate}.1"
-        return {"LABANMESH_MESH_CREDENTIALS": str(place)} if self._secured else {}
-
-    def _certify(self):
-        machines = {"router": (), "hub": ("--hub",)} | {name: ("--fusion", name) for name in SERVICES}
-        machines |= {name: ("--observer", f"dojo/{name}") for name in OBSERVERS}
-        for words in (("init",), *(("add", name, *rights) for name, rights in machines.items())):
-            with redirect_stdout(io.StringIO()):
-                assert command_line.main(["secure", words[0], str(self.file), *words[1:]]) == 0
-
-    def play(self):
-        """Start all processes, the router first."""
-        self.start("router")
-        self.processes["router"].wait_for("listening on")
-        for name in self.processes:
-            if name != "router":
-                self.start(name)
-
-    def start(self, name):
-        """Start one process."""
-        self.processes[name].start()
-
-    def witness(self, file=None):
-        """A started witness."""
-        witness = Witness(file or self.file, (), self.environment("hub"))
-        self._ended.callback(witness.process.kill)
-        return witness.start()
-
-    def logs(self):
-        """What all have written, the end of it."""
-        return "\n".join(f"--- {name}\n{process.log[-1500:]}" for name, process in self.processes.items())
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        for process in self.processes.values():
-            process.kill()
-        self._ended.close()
 
 
 def of(person, messages):

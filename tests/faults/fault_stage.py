@@ -4,11 +4,13 @@ The performance is the synthetic performer's, so that what was done, and when, i
 through the `projected` tracker, which needs no picture.
 """
 
+import io
 import json
 import math
 import os
 import sys
 import time
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +21,7 @@ from fault_processes import SOON_S, Process
 from once import made_once
 from processes import labanmesh
 
+import labanmesh as command_line
 from benchmarks.timing import free_port
 from common import SECOND_NS
 from common.config_sections import default_quorum
@@ -40,6 +43,8 @@ VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}
 REST_S = (2.0, 2.6)
 """Between two movements, shortest and longest: a router that is away for a second must not hide a whole rest."""
 START = "LABANMESH_PLAYBACK_START_NS"
+BEGIN_S = 1.5
+"""From the start of the processes to that of the performance."""
 SETTLE_S = 1.5
 """After its end a movement's last verdict is due within this: rest must last for hold_s."""
 
@@ -148,69 +153,40 @@ class Witness:
         raise AssertionError(f"not within {timeout_s} s: {why or condition}; the last judgement: {last}")
 
 
-class Stage:
-    """The processes of one scene that are met through a router. A context manager that ends them all.
+class ProcessStage:
+    """Processes that are met through a router, the first of `processes`, and witnesses. A context manager that ends
+    them all; `file` is the scene file."""
 
-    inside: for each process name, what puts it into a host; where the router listens follows `address`.
-    """
+    def __init__(self, folder, secured=False):
+        self.folder, self._secured = folder, secured
+        self.processes, self._witnesses = {}, []
 
-    def __init__(
-        self, replay, folder, *, fusions=("fusion",), address="127.0.0.1", inside=None, extra="", observers=tuple(VIEWS)
-    ):
-        self.replay, self.folder, self._observers, self._inside = replay, folder, observers, inside or {}
-        self.port = free_port() if address == "127.0.0.1" else 7447
-        self.endpoint = f"tcp/{address}:{self.port}"
-        self.file = self.write("scene.toml", self.endpoint, fusions, extra)
-        self.processes = {"router": Process(labanmesh("router", self.endpoint), self._inside.get("router", ()))}
-        commands = {name: ("fuse", self.file, *(() if name == fusions[0] else ("--id", name))) for name in fusions}
-        for name, words in (commands | {name: ("observe", self.file, name) for name in VIEWS}).items():
-            self.processes[name] = Process(labanmesh(*words), self._inside.get(name, ()))
-        self.start_ns, self._shifts, self._witnesses = 0, {}, []
+    def certify(self, place, machines):
+        """An authority for the scenes at `place`, and a certificate for each machine with its rights."""
+        for words in (("init",), *(("add", name, *rights) for name, rights in machines.items())):
+            with redirect_stdout(io.StringIO()):
+                assert command_line.main(["secure", words[0], str(place), *words[1:]]) == 0
 
-    def write(self, name, endpoint, fusions=("fusion",), extra="", scene=SCENE, credentials=""):
-        """A scene file of this stage that meets at `endpoint`."""
-        standby = ", ".join(f'"{one}"' for one in fusions[1:])
-        labels = ", ".join(f'"{label}"' for label in MOVEMENTS)
-        lines = [f'scene = "{scene}"', f"vocabulary = [{labels}]"]
-        lines += ["[mesh]", 'mode = "router"', f'endpoint = "{endpoint}"', f'credentials = "{credentials}"']
-        lines += ["[fusion]", f'id = "{fusions[0]}"', *([f"standby = [{standby}]"] if standby else []), extra]
-        for observer in self._observers:
-            lines += [f"[observers.{observer}]", f'source = "{self.replay.folder / "seen.npz"}"']
-            lines += [f'view = "{VIEWS.get(observer, "door")}"']
-            lines += [f'model = "{self.replay.folder / observer}.model"', "loop = true"]
-        place = self.folder / name
-        place.write_text("\n".join(lines) + "\n")
-        return place
+    def environment(self, certificate):
+        """What a process needs in a secured mesh."""
+        place = self.folder / "secure" / f"{certificate}.1"
+        return {"LABANMESH_MESH_CREDENTIALS": str(place)} if self._secured else {}
 
-    def environment(self, _certificate):
-        """What a process needs in a secured mesh; this one is plain."""
-        return {}
-
-    def play(self, in_s=1.5):
-        """Start all processes, the router first; the performance begins `in_s` from now."""
+    def play(self):
+        """Start all processes, the router first."""
         self.start("router")
         self.processes["router"].wait_for("listening on")
-        self.start_ns = time.time_ns() + round(in_s * SECOND_NS)
+        self.begin()
         for name in self.processes:
             if name != "router":
                 self.start(name)
 
+    def begin(self):
+        """The router is there, and the others are started now."""
+
     def start(self, name):
-        """Start one process; an observer falls in with the performance at its last beginning."""
-        rounds = max((time.time_ns() - self.start_ns) // self.replay.length_ns, 0) if self.start_ns else 0
-        begin_ns = self.start_ns + rounds * self.replay.length_ns + round(self._shifts.get(name, 0.0) * SECOND_NS)
-        self.processes[name].start(**{START: str(begin_ns)})
-
-    def with_clock(self, name, shift_s, *later_s):
-        """Let a process that has not been started live by a clock that is `shift_s` ahead; each SIGUSR1 sets it anew.
-
-        later_s: how far it is ahead then, one after the other.
-        """
-        self._shifts[name] = shift_s
-        process = self.processes[name]
-        where = process.command.index("labanmesh")
-        shifts = ",".join(map(str, (shift_s, *later_s)))
-        process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), shifts]
+        """Start one process."""
+        self.processes[name].start()
 
     def witness(self, inside=(), scene_file=None, watches=False):
         """A started witness; the router must be there."""
@@ -236,6 +212,64 @@ class Stage:
             for name, process in self.processes.items()
             if name != "hub"
         )
+
+
+class Stage(ProcessStage):
+    """The processes of one scene with a performance.
+
+    inside: for each process name, what puts it into a host; where the router listens follows `address`.
+    """
+
+    def __init__(
+        self, replay, folder, *, fusions=("fusion",), address="127.0.0.1", inside=None, extra="",
+        observers=tuple(VIEWS), secured=False,
+    ):  # fmt: skip
+        super().__init__(folder, secured)
+        self.replay, self._observers, self._inside = replay, observers, inside or {}
+        self.port = free_port() if address == "127.0.0.1" else 7447
+        self.endpoint = f"tcp/{address}:{self.port}"
+        self.file = self.write("scene.toml", self.endpoint, fusions, extra)
+        self.processes = {"router": Process(labanmesh("router", self.endpoint), self._inside.get("router", ()))}
+        commands = {name: ("fuse", self.file, *(() if name == fusions[0] else ("--id", name))) for name in fusions}
+        for name, words in (commands | {name: ("observe", self.file, name) for name in VIEWS}).items():
+            self.processes[name] = Process(labanmesh(*words), self._inside.get(name, ()))
+        self.start_ns, self._shifts = 0, {}
+
+    def write(self, name, endpoint, fusions=("fusion",), extra="", scene=SCENE, credentials=""):
+        """A scene file of this stage that meets at `endpoint`."""
+        standby = ", ".join(f'"{one}"' for one in fusions[1:])
+        labels = ", ".join(f'"{label}"' for label in MOVEMENTS)
+        lines = [f'scene = "{scene}"', f"vocabulary = [{labels}]"]
+        lines += ["[mesh]", 'mode = "router"', f'endpoint = "{endpoint}"', f'credentials = "{credentials}"']
+        lines += ["[fusion]", f'id = "{fusions[0]}"', *([f"standby = [{standby}]"] if standby else []), extra]
+        for observer in self._observers:
+            lines += [f"[observers.{observer}]", f'source = "{self.replay.folder / "seen.npz"}"']
+            lines += [f'view = "{VIEWS.get(observer, "door")}"']
+            lines += [f'model = "{self.replay.folder / observer}.model"', "loop = true"]
+        place = self.folder / name
+        place.write_text("\n".join(lines) + "\n")
+        return place
+
+    def begin(self):
+        """The performance begins a moment from now."""
+        self.start_ns = time.time_ns() + round(BEGIN_S * SECOND_NS)
+
+    def start(self, name):
+        """Start one process; an observer falls in with the performance at its last beginning."""
+        rounds = max((time.time_ns() - self.start_ns) // self.replay.length_ns, 0) if self.start_ns else 0
+        begin_ns = self.start_ns + rounds * self.replay.length_ns + round(self._shifts.get(name, 0.0) * SECOND_NS)
+        self.processes[name].start(**{START: str(begin_ns)})
+
+    def with_clock(self, name, shift_s, *later_s):
+        """Let a process that has not been started live by a clock that is `shift_s` ahead; each SIGUSR1 sets it anew.
+
+        later_s: how far it is ahead then, one after the other.
+        """
+        self._shifts[name] = shift_s
+        process = self.processes[name]
+        where = process.command.index("labanmesh")
+        shifts = ",".join(map(str, (shift_s, *later_s)))
+        process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), shifts]
 
 
 @dataclass(frozen=True, slots=True)
