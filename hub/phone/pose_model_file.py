@@ -14,7 +14,7 @@ from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import replace_file
-from hub.phone.pose_task import pose_task
+from hub.phone.pose_task import pose_task, without_outline
 
 NPM_PACKAGES = ("@mediapipe/tasks-vision@0.10.21", "@mediapipe/pose@0.5.1675469404")
 DATA_FOLDER = "LABANMESH_PHONE_FILES"
@@ -61,7 +61,10 @@ def data_folder() -> Path:
 
 
 def read_files(folder: Path) -> dict[str, bytes]:
-    """All files by name; raises LabanmeshError, one line with the way out, for one that is missing or another one."""
+    """All files by name, as the page gets them: the models without the person's outline.
+
+    Raises LabanmeshError, one line with the way out, for one that is missing or another one.
+    """
     contents = {}
     for name, sha256 in HASHES.items():
         path = folder / name
@@ -73,7 +76,7 @@ def read_files(folder: Path) -> dict[str, bytes]:
             raise LabanmeshError(f"{path}: {reason_of(error)}; {FETCH}") from None
         if hashlib.sha256(contents[name]).hexdigest() != sha256:
             raise LabanmeshError(f"{path}: not the file that labanmesh knows (SHA-256); {FETCH}")
-    return contents
+    return contents | {name: without_outline(contents[name]) for name in MADE}
 
 
 def fetch(folder: Path, source: Path | None = None) -> None:

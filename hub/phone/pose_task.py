@@ -1,26 +1,23 @@
 """Makes the .task file of MediaPipe's pose landmarker of the models in the npm package @mediapipe/pose; pure.
 
 A .task file is a zip archive of two models. Each states how a byte of the picture becomes a number, which those of
-@mediapipe/pose leave to a graph: https://ai.google.dev/edge/litert/conversion/tensorflow/metadata. The new head of a
-model lies in front of the old file, which stays as it is.
+@mediapipe/pose leave to a graph: https://ai.google.dev/edge/litert/conversion/tensorflow/metadata.
 """
 
 import io
 import struct
 import zipfile
 
+from common import tflite
 from common.errors import BadInput
-from hub.phone.flat_buffer import Bytes, Existing, FlatTable, FlatTables, Node, flat_buffer, floats, text
+from common.flat_buffer import Bytes, Existing, FlatTable, FlatTables, Node, flat_buffer, floats, text
 
 DETECTOR, LANDMARKS = "pose_detector.tflite", "pose_landmarks_detector.tflite"
 SCALES = {DETECTOR: (127.5, 127.5), LANDMARKS: (0.0, 255.0)}
 """Mean and deviation of a picture's bytes, as in MediaPipe's graphs pose_detection and pose_landmark."""
-MODEL, METADATA = b"TFL3", b"M001"
-VERSION, SUBGRAPHS, BUFFERS, METADATA_LIST = 0, 2, 4, 6
+METADATA = b"M001"
+BUFFERS, METADATA_LIST = 4, 6
 """Slots of a model (tensorflow/lite/schema/schema.fbs)."""
-MODEL_SLOTS = 8
-OUTPUTS = 2
-"""Slot of a graph."""
 IMAGE, NORMALIZATION, RGB = 2, 1, 1
 """ContentProperties, ProcessUnitOptions and ColorSpaceType in metadata_schema.fbs."""
 ANY_DATE = (1980, 1, 1, 0, 0, 0)
@@ -36,6 +33,15 @@ def pose_task(detector: bytes, landmarks: bytes) -> bytes:
     return buffer.getvalue()
 
 
+def without_outline(task: bytes) -> bytes:
+    """The .task file with a model of landmarks that does not draw the person's outline (common/tflite.py)."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(task)) as old, zipfile.ZipFile(buffer, "w") as new:
+        for name in old.namelist():
+            new.writestr(zipfile.ZipInfo(name, ANY_DATE), tflite.without_outline(old.read(name)))
+    return buffer.getvalue()
+
+
 def with_scale(model: bytes, mean: float, deviation: float) -> bytes:
     """The model with metadata: (byte - mean) / deviation is what goes in."""
     try:
@@ -45,25 +51,18 @@ def with_scale(model: bytes, mean: float, deviation: float) -> bytes:
 
 
 def _with_scale(model: bytes, mean: float, deviation: float) -> bytes:
-    if model[4:8] != MODEL:
+    if model[4:8] != tflite.MODEL:
         raise IndexError
-    root = _reference(model, 0)
-    fields: dict[int, int | Node] = {
-        slot: Existing(_reference(model, place))
-        for slot in range(1, MODEL_SLOTS)
-        if (place := _field(model, root, slot)) is not None
+    root = tflite.reference(model, 0)
+    graph = tflite.items(model, root, tflite.SUBGRAPHS)[0]
+    metadata = _metadata(len(tflite.vector(model, graph, tflite.OUTPUTS)), mean, deviation)
+    buffers, earlier = (tflite.items(model, root, slot) for slot in (BUFFERS, METADATA_LIST))
+    entry = FlatTable({0: text("TFLITE_METADATA"), 1: len(buffers)})
+    changed: dict[int, Node] = {
+        BUFFERS: FlatTables([*map(Existing, buffers), FlatTable({0: Bytes(metadata, len(metadata))})]),
+        METADATA_LIST: FlatTables([*map(Existing, earlier), entry]),
     }
-    version = _field(model, root, VERSION)
-    fields[VERSION] = 0 if version is None else _number(model, version)
-    graph = _items(model, root, SUBGRAPHS)[0]
-    metadata = _metadata(len(_vector(model, graph, OUTPUTS)), mean, deviation)
-    buffers = _items(model, root, BUFFERS)
-    fields[BUFFERS] = FlatTables([*map(Existing, buffers), FlatTable({0: Bytes(metadata, len(metadata))})])
-    earlier = _items(model, root, METADATA_LIST)
-    fields[METADATA_LIST] = FlatTables(
-        [*map(Existing, earlier), FlatTable({0: text("TFLITE_METADATA"), 1: len(buffers)})]
-    )
-    return flat_buffer(FlatTable(fields), MODEL, model)
+    return tflite.with_fields(model, changed)
 
 
 def _metadata(outputs: int, mean: float, deviation: float) -> bytes:
@@ -72,34 +71,3 @@ def _metadata(outputs: int, mean: float, deviation: float) -> bytes:
     picture = FlatTable({3: image, 4: FlatTables([FlatTable({0: NORMALIZATION, 1: numbers})])})
     graph = FlatTable({2: FlatTables([picture]), 3: FlatTables([FlatTable({}) for _ in range(outputs)])})
     return flat_buffer(FlatTable({3: FlatTables([graph])}), METADATA)
-
-
-def _number(content: bytes, place: int) -> int:
-    return int(struct.unpack_from("<I", content, place)[0])
-
-
-def _reference(content: bytes, place: int) -> int:
-    return place + _number(content, place)
-
-
-def _field(content: bytes, table: int, slot: int) -> int | None:
-    """Where a field of the table lies; None: it has its default."""
-    vtable = table - int(struct.unpack_from("<i", content, table)[0])
-    if 4 + 2 * slot >= struct.unpack_from("<H", content, vtable)[0]:
-        return None
-    distance = int(struct.unpack_from("<H", content, vtable + 4 + 2 * slot)[0])
-    return table + distance if distance else None
-
-
-def _vector(content: bytes, table: int, slot: int) -> range:
-    """Where the items of a vector lie, four bytes each."""
-    place = _field(content, table, slot)
-    if place is None:
-        return range(0)
-    start = _reference(content, place)
-    return range(start + 4, start + 4 + 4 * _number(content, start), 4)
-
-
-def _items(content: bytes, table: int, slot: int) -> list[int]:
-    """Where the tables of a vector begin."""
-    return [_reference(content, place) for place in _vector(content, table, slot)]
