@@ -11,8 +11,8 @@ import socket
 from collections.abc import Collection, Iterable
 from contextlib import suppress
 
-DESCRIPTORS = "/proc/self/fd"
-"""Where Linux lists a process's open files; elsewhere nothing is ended, and what is lost alone stays lost."""
+from common.open_links import DESCRIPTORS
+
 LOOKS = 4
 """After so many looks in a row without it a peer is lost: by then the others have given up one that has ended."""
 

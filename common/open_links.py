@@ -22,6 +22,7 @@ from weakref import WeakSet
 CHECK_S = 0.5
 """A quarter of the lease, so that every socket is found before its link can be given up."""
 DESCRIPTORS = "/proc/self/fd"
+"""Where Linux lists a process's open files; elsewhere there is none."""
 LINGER_OFF = struct.pack("ii", 0, 0)
 CALLBACK_THREAD = "(pyo3-closure)"
 """Ends the name of each thread in which Zenoh calls a callback; it lives until its session is closed."""
