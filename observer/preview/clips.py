@@ -12,6 +12,7 @@ import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from common import SECOND_NS
 from common.clip_name import clip_name
@@ -57,12 +58,6 @@ class _DecidedVerdict:
 
     label: str
     decided_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class _Clip:
-    name: str
-    pictures: tuple[_Picture, ...]
 
 
 class VerdictClips:
@@ -159,7 +154,7 @@ class VerdictClips:
         pictures = tuple(each for each in self._pictures if began_ns <= each.shown_ns <= ended_ns)
         name = clip_name(pending.decided_ns, self._observer, pending.label, verdict_id)
         if pictures:
-            self._writer.write(_Clip(name, pictures))
+            self._writer.write(name, pictures)
         else:
             log.warning("%s: not written: the observer has shown no picture in these seconds", name)
 
@@ -169,16 +164,16 @@ class _ClipWriter:
 
     def __init__(self, folder: ClipFolder, clock: Callable[[], int]) -> None:
         self._folder, self._clock = folder, clock
-        self._waiting: queue.Queue[_Clip | None] = queue.Queue(CLIPS_WAITING)
+        self._waiting: queue.Queue[tuple[str, tuple[_Picture, ...]] | None] = queue.Queue(CLIPS_WAITING)
         self._fault = ""
         self._thread = threading.Thread(target=self._work, name="clips", daemon=True)
         self._thread.start()
 
-    def write(self, clip: _Clip) -> None:
+    def write(self, name: str, pictures: tuple[_Picture, ...]) -> None:
         try:
-            self._waiting.put_nowait(clip)
+            self._waiting.put_nowait((name, pictures))
         except queue.Full:
-            log.warning("%s: not written: %d clips wait for a slow disk", clip.name, CLIPS_WAITING)
+            log.warning("%s: not written: %d clips wait for a slow disk", name, CLIPS_WAITING)
 
     def close(self) -> None:
         try:
@@ -188,24 +183,25 @@ class _ClipWriter:
         self._thread.join(LAST_CLIPS_S)
 
     def _work(self) -> None:
-        self._attempt(lambda: self._folder.delete_old(self._clock()))
+        clean = partial(self._attempt, lambda: self._folder.delete_old(self._clock()))
+        clean()
         while True:
             try:
                 clip = self._waiting.get(timeout=CLEAN_S)
             except queue.Empty:
-                self._attempt(lambda: self._folder.delete_old(self._clock()))
+                clean()
                 continue
             if clip is None:
                 return
-            self._attempt(lambda clip=clip: self._write(clip))  # type: ignore[misc]
+            self._attempt(partial(self._write, *clip))
 
-    def _write(self, clip: _Clip) -> None:
-        newest = clip.pictures[-1]
+    def _write(self, name: str, pictures: tuple[_Picture, ...]) -> None:
+        newest = pictures[-1]
         # A camera that is replaced may change its size; a film has one.
-        jpegs = [each.jpeg for each in clip.pictures if each.size_px == newest.size_px]
-        span_s = (newest.shown_ns - clip.pictures[0].shown_ns) / SECOND_NS
-        rate_hz = (len(clip.pictures) - 1) / span_s if span_s > 0 else CLIP_HZ
-        path = self._folder.add(clip.name, motion_jpeg(jpegs, newest.size_px, rate_hz), self._clock())
+        jpegs = [each.jpeg for each in pictures if each.size_px == newest.size_px]
+        span_s = (newest.shown_ns - pictures[0].shown_ns) / SECOND_NS
+        rate_hz = (len(pictures) - 1) / span_s if span_s > 0 else CLIP_HZ
+        path = self._folder.add(name, motion_jpeg(jpegs, newest.size_px, rate_hz), self._clock())
         log.info("%s: %.1f s", path, span_s)
 
     def _attempt(self, action: Callable[[], object]) -> None:

@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -23,50 +23,40 @@ Progress = Callable[[float], None]
 """Receives the seconds of motion that the slowest camera has recorded."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class RecordingCamera:
-    """A camera to be recorded. tracker: its centres are undistorted px, for which `matrix` (3, 4) holds."""
+    """A camera that one thread records. tracker: its centres are undistorted px, for which `matrix` (3, 4) holds."""
 
     name: str
     frames: Iterator[Frame]
     tracker: Tracker
     matrix: Floats
-
-
-class CameraReader:
-    """The tracks of one camera so far; written by its thread only."""
-
-    def __init__(self, camera: RecordingCamera, stop: threading.Event, seconds: float | None) -> None:
-        self._camera, self._stop = camera, stop
-        self._limit_ns = None if seconds is None else round(seconds * SECOND_NS)
-        self._at_ns: list[int] = []
-        self._centres: list[Floats] = []
+    _at_ns: list[int] = field(default_factory=list)
+    _centres: list[Floats] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
         """Duration of the motion recorded so far."""
         return (self._at_ns[-1] - self._at_ns[0]) / SECOND_NS if self._at_ns else 0.0
 
-    def run(self) -> None:
+    def run(self, stop: threading.Event, seconds: float | None) -> None:
         """Read frames until the source ends, `stop` is set or the time limit is reached."""
-        for frame in self._camera.frames:
-            if self._stop.is_set():
+        for frame in self.frames:
+            if stop.is_set():
                 return
-            if self._at_ns and self._limit_ns is not None and frame.at_ns - self._at_ns[0] > self._limit_ns:
+            if self._at_ns and seconds is not None and frame.at_ns - self._at_ns[0] > seconds * SECOND_NS:
                 # Live cameras share one clock: stop them all, since one that delivers nothing would never end.
                 if frame.motion_ns is None:
-                    self._stop.set()
+                    stop.set()
                 return
             self._at_ns.append(frame.at_ns)
-            self._centres.append(self._camera.tracker.update(frame).centres.copy())
+            self._centres.append(self.tracker.update(frame).centres.copy())
 
     def tracks(self) -> CameraTracks:
         """The tracks recorded so far."""
-        parts = len(self._camera.tracker.body_parts)
-        centres = np.array(self._centres, dtype=np.float64).reshape(-1, parts, 2)
-        complaint = str(getattr(self._camera.tracker, "complaint", ""))
-        at_ns = np.array(self._at_ns, dtype=np.int64)
-        return CameraTracks(self._camera.name, self._camera.matrix, at_ns, centres, complaint)
+        centres = np.array(self._centres, dtype=np.float64).reshape(-1, len(self.tracker.body_parts), 2)
+        complaint, at_ns = str(getattr(self.tracker, "complaint", "")), np.array(self._at_ns, dtype=np.int64)
+        return CameraTracks(self.name, self.matrix, at_ns, centres, complaint)
 
 
 def read_cameras(
@@ -83,18 +73,17 @@ def read_cameras(
     parts = {tuple(camera.tracker.body_parts) for camera in cameras}
     if len(parts) > 1:
         raise BadInput(f"trackers find different body parts: {'; '.join(', '.join(p) for p in sorted(parts))}")
-    readers = [CameraReader(camera, stop, seconds) for camera in cameras]
     with ThreadPoolExecutor(len(cameras), thread_name_prefix="camera") as pool:
-        running = {pool.submit(reader.run) for reader in readers}
+        running = {pool.submit(camera.run, stop, seconds) for camera in cameras}
         try:
             while running:
                 ended, running = wait(running, PROGRESS_S, FIRST_COMPLETED)
                 for future in ended:
                     future.result()
-                progress(min(reader.seconds for reader in readers))
+                progress(min(camera.seconds for camera in cameras))
         finally:
             stop.set()
-    return [reader.tracks() for reader in readers]
+    return [camera.tracks() for camera in cameras]
 
 
 def open_cameras(

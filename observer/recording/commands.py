@@ -30,17 +30,9 @@ Gate = Annotated[
 class RecordOptions:
     """As typed on the command line."""
 
-    scene: Annotated[
-        Path,
-        typer.Argument(help="The scene file; its observers with a camera file as view are recorded."),
-    ]
+    scene: Annotated[Path, typer.Argument(help="The scene file; its observers with a camera file are recorded.")]
     output: Annotated[
-        Path,
-        typer.Option(
-            "-o",
-            "--output",
-            help="The motion archive (.npz); an existing one is extended.",
-        ),
+        Path, typer.Option("-o", "--output", help="The motion archive (.npz); an existing one is extended.")
     ]
     subject: Annotated[str, typer.Option(help="The performer.")]
     label: Annotated[str, typer.Option(help="The movement: lower case letters, digits, underscores.")] = ""

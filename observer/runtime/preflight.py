@@ -166,10 +166,11 @@ def _check_view(
     if view and not view.has_place and (section.place, section.facing) != (None, None):
         result.doubts.append(f"place, facing: only for camera files; view = {section.view!r} is none and ignores them")
     person = person_in(scene, result.observer, view) if view else None
-    if view and (doubt := doubt_of_view(path, header, view, section.view, person)):
-        result.doubts.append(doubt)
-    if doubt := doubt_of_camera(path, header, result.observer, scene.roster):
-        result.doubts.append(doubt)
+    doubts = (
+        doubt_of_view(path, header, view, section.view, person) if view else "",
+        doubt_of_camera(path, header, result.observer, scene.roster),
+    )
+    result.doubts += filter(None, doubts)
 
 
 def main(words: Sequence[str]) -> Iterator[str]:
