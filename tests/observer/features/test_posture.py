@@ -83,28 +83,6 @@ def test_against_the_oracle(centres, missing, rate_hz):
     np.testing.assert_allclose(read(centres, rate_hz), oracle(centres.tolist(), rate_hz), atol=1e-12)
 
 
-@given(CENTRES, st.integers(-1000, 1000), st.sampled_from([0.25, 8.0]))
-def test_place_and_size_of_the_person_do_not_matter(centres, shift, scale):
-    np.testing.assert_allclose(read((centres + shift) * scale), read(centres), atol=1e-9)
-
-
-@given(CENTRES, st.integers(1, 9))
-def test_later_frames_do_not_change_earlier_results(centres, count):
-    np.testing.assert_array_equal(read(centres[:count]), read(centres)[:count])
-
-
-def test_the_origin_follows_a_person_who_walked_and_stands():
-    still, aside = [[0, 100], [45, 0], [0, 0]], [[300, 100], [345, 0], [300, 0]]
-    features = read([still] * 15 + [aside] * 15)
-    head_right = features[:, 2 * FEATURES_PER_PART]
-    assert head_right[15] > 2 > 0.1 > head_right[-1] > 0
-
-
-def test_nothing_is_known_before_the_size():
-    assert np.isnan(read([[GONE, GONE, [0, 0]], [[0, 5], [3, 3], GONE]])).all()
-    assert np.isnan(read([[[7, 7]] * 3] * 2)).all()
-
-
 def test_a_tracker_may_reuse_its_array():
     reader, centres = PostureReader(BODY_PARTS, RATE, FAST), np.array([[0.0, 100], [45, 0], [0, 0]])
     reader.update(Tracks(centres))

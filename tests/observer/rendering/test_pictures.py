@@ -3,8 +3,6 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from observer_stage import rejected
 from rendered_truth import visible_truth
 
@@ -77,37 +75,6 @@ def test_hands_are_drawn_at_their_projections(yaw_deg):
     assert truth.shares[RIGHT] > 0.85
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.tuples(st.floats(0.3, 0.75), st.floats(0.7, 2.1), st.floats(-0.5, 0.2)), st.floats(-30, 30), st.floats(0, 20))
-def test_a_free_hand_is_drawn_at_its_projection(place, yaw_deg, pitch_deg):
-    positions = with_(RIGHT, place)
-    view = renderer(yaw_deg, pitch_deg)
-    truth = visible_truth(view, positions)
-    if truth.shares[RIGHT] > 0.9:
-        centres, _ = blobs(view.picture(positions, 0))
-        gap = np.linalg.norm(centres - project(camera(yaw_deg, pitch_deg), positions)[RIGHT], axis=1).min()
-        other = np.linalg.norm(truth.centres[[LEFT, HEAD]] - truth.centres[RIGHT], axis=1).min()
-        assert gap < 3.0 or other < 60  # two parts in one blob
-
-
-def test_head_hands_and_trunk_have_human_sizes():
-    view = renderer()
-    empty = view.picture(UNSEEN, 0)
-    px_per_metre = 1.35 * 480 / 3.5
-    figure = (view.picture(with_(HEAD, APART[HEAD], UNSEEN), 0) != empty).any(axis=2)
-    widths = figure.sum(axis=1) / px_per_metre
-    heights = project(camera(), np.array([[0.0, 1.35, 0.0], [0.0, 1.25, 0.0], [0.0, 0.5, 0.0]]))[:, 1].astype(int)
-    for row, (least, most) in zip(heights, [(0.35, 0.55), (0.3, 0.5), (0.15, 0.35)], strict=True):
-        assert least < widths[row] < most
-    columns = figure[: int(project(camera(), APART)[HEAD, 1])].any(axis=0)  # above the middle of the head
-    assert columns.sum() / px_per_metre == pytest.approx(0.156, abs=0.02)
-    rows = np.flatnonzero(figure.any(axis=1))
-    assert (project(camera(), APART)[HEAD, 1] - rows[0]) / px_per_metre == pytest.approx(0.115, abs=0.015)
-    centres, areas = blobs(view.picture(APART, 0))
-    hand = areas[np.linalg.norm(centres - project(camera(), APART)[LEFT], axis=1).argmin()]
-    assert 0.3 < hand / px_per_metre**2 / (np.pi * 0.045 * 0.09) < 1.25  # it may point to the camera
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_only_skin_has_the_colour_of_skin(seed):
     appearance = appearance_of(seed)
@@ -157,12 +124,6 @@ def test_an_unseen_part_is_not_drawn(part):
     assert np.linalg.norm(centres - project(camera(), APART)[part], axis=1).min() > 30
 
 
-def test_an_unseen_person_leaves_the_background():
-    empty = renderer().picture(UNSEEN, 0)
-    assert (empty == renderer(90.0).picture(UNSEEN, 0)).all() and (empty != renderer().picture(APART, 0)).any()
-    assert not visible_truth(renderer(), UNSEEN).visible().any()
-
-
 def test_noise_has_its_deviation_and_differs_between_frames():
     clean = renderer().picture(APART, 0).astype(int)
     noisy = [renderer(noise=6.0).picture(APART, frame).astype(int) for frame in (0, 1)]
@@ -187,12 +148,6 @@ def test_invalid_arguments_are_rejected_with_one_line():
     for make in wrong:
         with rejected():
             make()
-
-
-def test_a_matrix_may_be_scaled_by_any_factor():
-    wanted = renderer().picture(APART, 0)
-    for factor in (-1.0, 5.0):
-        np.testing.assert_array_equal(Renderer(factor * camera(), standing=STANDING).picture(APART, 0), wanted)
 
 
 def test_opencvs_cascade_finds_the_face():
