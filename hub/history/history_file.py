@@ -17,7 +17,7 @@ from common import SECOND_NS
 from hub.database import BUSY_S, faults_of, opened, opened_to_read, transaction
 from hub.history.records import HistoryRow, Kind
 
-VERSION = 1
+HISTORY_VERSION = 1
 HISTORY_SCHEMA = (
     "CREATE TABLE events (seq INTEGER PRIMARY KEY, kind TEXT NOT NULL, id TEXT NOT NULL, label TEXT NOT NULL, "
     "stage TEXT NOT NULL, began_ns INTEGER NOT NULL, at_ns INTEGER NOT NULL, ended_ns INTEGER, p REAL, k INTEGER, "
@@ -79,12 +79,12 @@ class HistoryFile:
     @classmethod
     def to_write(cls, path: Path, busy_s: float = BUSY_S) -> Self:
         """Open it, and make it if it is not there; raises DatabaseFault."""
-        return cls(path, opened(path, VERSION, HISTORY_SCHEMA, busy_s=busy_s))
+        return cls(path, opened(path, HISTORY_VERSION, HISTORY_SCHEMA, busy_s=busy_s))
 
     @classmethod
     def to_read(cls, path: Path) -> Self:
         """Open it to read; raises DatabaseFault, also if it is not there."""
-        return cls(path, opened_to_read(path, VERSION))
+        return cls(path, opened_to_read(path, HISTORY_VERSION))
 
     def add(self, *rows: HistoryRow) -> None:
         """Keep these rows; they are on the disk when this returns. Raises DatabaseFault."""

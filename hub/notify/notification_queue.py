@@ -15,7 +15,7 @@ from common.config_events import NotifyConfig
 from hub.database import BUSY_S, faults_of, opened, transaction
 from hub.notify.notification import Notification, WebhookRequest
 
-VERSION = 1
+QUEUE_VERSION = 1
 QUEUE_SCHEMA = (
     "CREATE TABLE waiting (seq INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, since_ns INTEGER NOT NULL, "
     "headers TEXT NOT NULL, body BLOB NOT NULL)",
@@ -41,7 +41,7 @@ class NotificationQueue:
 
     def __init__(self, path: Path, busy_s: float = BUSY_S) -> None:
         self.path = path
-        self._connection: sqlite3.Connection = opened(path, VERSION, QUEUE_SCHEMA, busy_s=busy_s)
+        self._connection: sqlite3.Connection = opened(path, QUEUE_VERSION, QUEUE_SCHEMA, busy_s=busy_s)
         self._lock = threading.Lock()
 
     def put(self, name: str, note: Notification, request: WebhookRequest, config: NotifyConfig, now_ns: int) -> int:
