@@ -188,11 +188,10 @@ def adopted_line(count: int, labels: Sequence[str]) -> str:
 
 
 def summary_line(right: Mapping[str, bool], alarms: int, alarm_s: float, learned: Mapping[str, LearnedReport]) -> str:
-    """The result of the test in one line: each movement, false alarms, and movements that look alike."""
+    """The result of the test in one line: how many movements, false alarms, and movements that look alike."""
     parts = [f"{sum(right.values())} of {len(right)} recognised"]
     if alarm_s >= LEAST_S:
-        parts = [f"{label} {int(was_right)} of 1" for label, was_right in right.items()]
-        parts.append(f"false alarms {alarms} in {round(alarm_s / 60, 1):g} minutes")
+        parts.append(f"{plural(alarms, 'false alarm')} in {round(alarm_s / 60, 1):g} minutes")
     return "; ".join([", ".join(parts), *alike_lines(learned)])
 
 

@@ -178,7 +178,7 @@ def test_then_verdicts_count_as_false_alarms_and_one_line_sums_up():
         and "none of the movements: 30 s to go, 0 false alarms" in interface.shown
     )
     alike = "wave and clap look alike from sofa"
-    assert interface.lines[-1] == f"wave 1 of 1, clap 1 of 1, false alarms 1 in 0.5 minutes; {alike}"
+    assert interface.lines[-1] == f"2 of 2 recognised, 1 false alarm in 0.5 minutes; {alike}"
     assert tested("....s").lines[-1] == f"2 of 2 recognised; {alike}"
 
 
