@@ -17,7 +17,7 @@ import labanmesh
 from common.wire import decode, encode
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate
-from hub.watch import BEGIN_FRAME, END_FRAME, show_json, show_lines, show_live
+from hub.watch import BEGIN_FRAME, END_FRAME, StartNotice, show_json, show_lines, show_live
 
 SIZES = ((80, 24), (120, 40), (50, 12), (200, 60), (30, 8), (80, 24))
 
@@ -151,35 +151,40 @@ def test_a_late_joiner_reads_the_last_judgement(fusion, scene_file, make, capsys
     assert "\x1b" not in capsys.readouterr().out, "not a terminal: plain lines"
 
 
-@pytest.mark.parametrize("options", [[], ["--json"]])
-def test_when_nothing_is_received_one_line_names_scene_address_and_command(scene_file, capsys, options):
-    file = str(scene_file("tcp/127.0.0.1:9"))
-    assert labanmesh.main(["watch", file, "--for", "2", *options]) == 0
+@pytest.mark.parametrize(
+    ("observers", "fusion", "line"),
+    [
+        ((), (), "received nothing from {}. Start the scene with: labanmesh up s.toml"),
+        (("cam1",), (), "received no judgement from {}. Start fusion with: labanmesh fuse s.toml"),
+        (
+            (),
+            ("fuse1",),
+            "fusion runs in {}, and no observer that judges. Start cam1 with: labanmesh observe s.toml cam1",
+        ),
+        (
+            ("cam1", "cam2"),
+            ("fuse1",),
+            "no observer of {} has learned a movement. Teach them with: labanmesh teach s.toml",
+        ),
+    ],
+)
+def test_one_line_says_what_is_missing_at_the_start(scene, make, observers, fusion, line):
+    notice, state = StartNotice(scene, Path("s.toml")), SceneState("room", scene.roster, make.NOON)
+    for role, names in (("observer", observers), ("fusion", fusion)):
+        for name in names:
+            state = state.fold(make.status(name), make.NOON, role)
+    assert notice.text(state) == "", "it may come in a moment"
+    later = state.at(make.NOON + 2 * make.SECOND)
+    assert notice.text(later).startswith(line.format("scene room at tcp/127.0.0.1:7447"))
+    assert notice.text(later.fold(make.judgement(), later.now_ns)) == ""
+
+
+@pytest.mark.parametrize("words", [["watch"], ["count", "squat"]])
+def test_when_nothing_is_received_one_line_is_on_stderr(scene_file, capsys, words):
+    verb, *more = words
+    assert labanmesh.main([verb, str(scene_file("tcp/127.0.0.1:9")), *more, "--for", "2"]) == 0
     output = capsys.readouterr()
-    line = f"received nothing from scene room at tcp/127.0.0.1:9. Start the scene with: labanmesh up {file}\n"
-    assert (output.out, output.err) == ("", line)
-
-
-def test_observers_without_fusion_are_one_line(fusion, scene_file, make, capsys):
-    fusion.answer("laban/room/observer/cam1/status", lambda: encode(make.status()))
-    file = str(scene_file(fusion.locator))
-    assert labanmesh.main(["watch", file, "--for", "2"]) == 0
-    line = f"received no judgement from scene room at {fusion.locator}. Start fusion with: labanmesh fuse {file}\n"
-    assert capsys.readouterr().err == line
-
-
-def test_fusion_without_observers_and_observers_without_a_model_are_one_line(fusion, scene_file, make, capsys):
-    fusion.answer("laban/room/fusion/fusion/status", lambda: encode(make.status("fusion")))
-    file = str(scene_file(fusion.locator))
-    where = f"scene room at {fusion.locator}"
-    assert labanmesh.main(["watch", file, "--for", "2"]) == 0
-    start = f"Start cam1 with: labanmesh observe {file} cam1\n"
-    assert capsys.readouterr().err == f"fusion runs in {where}, and no observer that judges. {start}"
-    for name in ("cam1", "cam2"):
-        fusion.answer(f"laban/room/observer/{name}/status", lambda name=name: encode(make.status(name)))
-    assert labanmesh.main(["count", file, "squat", "--for", "2"]) == 0
-    teach = f"Teach them with: labanmesh teach {file} MOVEMENT\n"
-    assert capsys.readouterr().err == f"no observer of {where} has learned a movement. {teach}"
+    assert output.out == "" and output.err.count("\n") == 1 and "received nothing" in output.err
 
 
 def test_on_a_terminal_the_notice_is_in_the_picture(scene_file):
