@@ -1,8 +1,6 @@
 """The page in a real browser: how soon it shows verdicts and lost observers, and whether everybody can use it."""
 
 import signal
-import subprocess
-import sys
 import time
 from itertools import combinations
 
@@ -22,34 +20,8 @@ SHOWN = """label => new Promise(done => {
 })"""
 SAYS = """([name, word]) => [...document.querySelectorAll('.observer')].some(
   judge => judge.querySelector('h3').textContent === name && judge.innerText.includes(word))"""
-OBSERVER = """
-import sys
-from common.config import MeshConfig
-from common.link import Link
-with Link.open(MeshConfig(endpoint=sys.argv[1]), "observer") as link:
-    link.announce("laban/room/observer/cam2/alive")
-    print("here", flush=True)
-    sys.stdin.read()
-"""
 TOLD = "text => document.querySelector('#agreed').textContent === text"
 LIMIT_MS, GONE_S = 300, 2.0
-
-
-@pytest.fixture
-def observer():
-    """Starts a process that has the liveliness token of cam2."""
-    processes = []
-
-    def start(endpoint):
-        command = [sys.executable, "-c", OBSERVER, endpoint]
-        processes.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
-        assert processes[-1].stdout.readline() == "here\n"
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
 
 
 def test_a_verdict_is_on_the_page_within_300_ms(play, look):
@@ -78,9 +50,9 @@ def test_a_score_is_in_the_row_of_its_verdict_and_why_has_the_remarks(play, look
     assert "Left knee: 12 degrees too straight at 60 %." in why
 
 
-def test_a_killed_observer_is_shown_within_two_seconds(play, look, observer):
+def test_a_killed_observer_is_shown_within_two_seconds(play, look):
     scene, dashboard = play()
-    process = observer(scene.endpoint)
+    process = scene.observer("cam2")
     page = look(dashboard.url)
     page.wait_for_function(SAYS, arg=["cam2", "nthrow, sure"])
     killed_s = time.monotonic()
@@ -91,7 +63,7 @@ def test_a_killed_observer_is_shown_within_two_seconds(play, look, observer):
     assert took_s < GONE_S
     page.wait_for_selector("g.flag[data-stance=silent]", state="attached")
     assert "cam2 does not run" in page.inner_text("#advice") and "scene.toml cam2" in page.inner_text("#advice code")
-    observer(scene.endpoint)
+    scene.observer("cam2")
     page.wait_for_function(SAYS, arg=["cam2", "nthrow, sure"])
 
 

@@ -86,6 +86,13 @@ class HomeAssistant:
         assert done.returncode == 0 and all(each["success"] for each in answers), done.stderr or answers
         return [each["result"] for each in answers]
 
+    def offered(self, name):
+        """What the editor offers as triggers of the device with this name, by the movement."""
+        (devices,) = self.send({"type": "config/device_registry/list"})
+        ours = [device["id"] for device in devices if device["name"] == name]
+        found = self.send(*({"type": "device_automation/trigger/list", "device_id": each} for each in ours))
+        return {each["subtype"]: each for triggers in found for each in triggers if each.get("type") == "recognised"}
+
     def save_automation(self, name, fields):
         """Make an automation as the editor does; it runs when this returns. name: also its id."""
         self._ask(f"/api/config/automation/config/{name}", {"alias": name, **fields})

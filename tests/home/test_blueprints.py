@@ -33,17 +33,9 @@ def home(house):
         yield house
 
 
-def offered(house):
-    """What the editor offers as triggers of the device `room`, by the movement."""
-    (devices,) = house.home.send({"type": "config/device_registry/list"})
-    (room,) = [device for device in devices if device["name"] == "room"]
-    (triggers,) = house.home.send({"type": "device_automation/trigger/list", "device_id": room["id"]})
-    return {each["subtype"]: each for each in triggers if each.get("type") == "recognised"}
-
-
 def automate(house, name, blueprint, movement, **more):
     """An automation from a blueprint, with a movement that the editor offers."""
-    picked = offered(house)[movement.replace("_", " ")]
+    picked = house.home.offered("room")[movement.replace("_", " ")]
     use = {"path": f"labanmesh/{blueprint}.yaml", "input": {"movement": [picked], **more}}
     house.home.save_automation(name, {"use_blueprint": use})
 
@@ -74,7 +66,7 @@ def test_home_assistant_finds_every_blueprint_valid_and_offers_every_movement(ho
     for entry in ours.values():
         inputs = set(entry["metadata"]["input"])
         assert "error" not in entry and (not inputs & {"movement"} or inputs >= {"certainty", "after", "before"})
-    until(lambda: set(offered(home)) == set(LABELS), lambda: offered(home))
+    until(lambda: set(home.home.offered("room")) == set(LABELS), lambda: home.home.offered("room"))
 
 
 def test_a_movement_switches_a_lamp_on_and_off_and_activates_a_scene(home):
@@ -151,7 +143,10 @@ def test_how_often_a_movement_was_repeated_is_said(home):
 
 def test_a_taught_movement_is_offered_at_once_and_a_forgotten_one_not(home):
     home.room.teach(("wave_both_hands", "maestro", "byebye", "nthrow"))
-    until(lambda: set(offered(home)) == {"wave both hands", "maestro", "byebye", "nthrow"}, lambda: offered(home))
+    until(
+        lambda: set(home.home.offered("room")) == {"wave both hands", "maestro", "byebye", "nthrow"},
+        lambda: home.home.offered("room"),
+    )
     automate(home, "taught", "gesture_toggle", "wave_both_hands", target={"entity_id": "light.lamp"})
     before = home.home.state("light.lamp")
     perform(home, "wave_both_hands")
@@ -159,6 +154,6 @@ def test_a_taught_movement_is_offered_at_once_and_a_forgotten_one_not(home):
     event = home.home.attributes("event.room_verdict")
     assert event["event_type"] == "wave_both_hands" and "ok" not in event["event_types"]
     home.room.teach(LABELS)
-    until(lambda: "ok" in offered(home), lambda: offered(home))
+    until(lambda: "ok" in home.home.offered("room"), lambda: home.home.offered("room"))
     perform(home, "ok")
     home.home.wait_for_state("light.lamp", before)

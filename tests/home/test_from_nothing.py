@@ -125,13 +125,6 @@ def place(tmp_path):
             yield home, person, tmp_path / "scene.toml"
 
 
-def offered(home):
-    (devices,) = home.send({"type": "config/device_registry/list"})
-    room = [device["id"] for device in devices if device["name"] == "home"]
-    found = home.send(*({"type": "device_automation/trigger/list", "device_id": each} for each in room))
-    return {each["subtype"]: each for triggers in found for each in triggers if each.get("type") == "recognised"}
-
-
 def test_a_taught_movement_switches_a_lamp(place):
     home, person, file = place
     clock = Clock()
@@ -142,7 +135,7 @@ def test_a_taught_movement_switches_a_lamp(place):
             lines = lesson(person, file, os.environ.get("LABANMESH_MINUTES", "0.2"))
             print(*lines, sep="\n")
             clock.step("labanmesh teach, two movements, five takes each")
-            until(lambda: set(offered(home)) == {"wave", "point"}, lambda: offered(home))
+            until(lambda: set(home.offered("home")) == {"wave", "point"}, lambda: home.offered("home"))
             clock.step("until Home Assistant offers the movements")
             home.send(
                 {
@@ -152,7 +145,7 @@ def test_a_taught_movement_switches_a_lamp(place):
                     "yaml": BLUEPRINT.read_text(),
                 }
             )
-            given = {"movement": [offered(home)["wave"]], "target": {"entity_id": "light.lamp"}}
+            given = {"movement": [home.offered("home")["wave"]], "target": {"entity_id": "light.lamp"}}
             home.save_automation("lamp", {"use_blueprint": {"path": "labanmesh/a.yaml", "input": given}})
             clock.step("blueprint and automation, without the clicks of a person")
             until(lambda: person.rests, "rest")
