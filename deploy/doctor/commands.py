@@ -23,7 +23,14 @@ from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_js
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
 from deploy.doctor.mesh import ExpectedMesh, MeshFacts, check_mesh, listen, no_process, not_listened_to
 from deploy.doctor.network import check_network, is_free, network_facts
-from deploy.doctor.scene_file import MissingSceneFile, check_scene, read_existing_scene, scene_facts, unreadable
+from deploy.doctor.scene_file import (
+    MissingSceneFile,
+    check_scene,
+    read_existing_scene,
+    scene_facts,
+    scenes_in,
+    unreadable,
+)
 from deploy.doctor.security import check_security, security_facts
 
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
@@ -64,7 +71,8 @@ def doctor(
     settings: list[EffectiveSetting] = []
     if scene is None:
         webcam_check = Check("cameras", MACHINE_S, lambda: check_cameras([], webcams(), certain=True) or [no_webcam()])
-        findings = run_checks([_machine_check(None, ()), webcam_check])
+        scene_check = Check("the scene file", SCENE_S, lambda: list(scenes_in(Path())))
+        findings = run_checks([_machine_check(None, ()), scene_check, webcam_check])
     else:
         findings = _with_scene(scene, here, for_s, settings, test_cameras=test_cameras)
     name = shlex.quote(str(scene)) if scene else "SCENE"

@@ -6,10 +6,12 @@ warning and no error.
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -97,6 +99,16 @@ def read_existing_scene(path: Path) -> Scene:
     if not path.exists():
         raise MissingSceneFile(f"{path}: no such file; name a scene file, or make one: labanmesh init {path}")
     return read_scene(path)
+
+
+def scenes_in(folder: Path) -> Iterator[Finding]:
+    """A hint for each scene file in a folder, where none was named."""
+    for path in sorted(folder.glob("*.toml")):
+        with suppress(OSError, UnicodeDecodeError):
+            if "[observers" in path.read_text(encoding="utf-8"):
+                yield hint(
+                    f"{path.name} is in this folder, and was not examined", f"labanmesh doctor {shlex.quote(path.name)}"
+                )
 
 
 def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFacts:

@@ -18,7 +18,14 @@ from deploy.doctor.findings import ok
 from deploy.doctor.machine import MachineNeeds, check_machine, clock_state, machine_facts
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, connect_to, listener_on, network_facts
-from deploy.doctor.scene_file import FolderFacts, MissingSceneFile, check_scene, read_existing_scene, scene_facts
+from deploy.doctor.scene_file import (
+    FolderFacts,
+    MissingSceneFile,
+    check_scene,
+    read_existing_scene,
+    scene_facts,
+    scenes_in,
+)
 
 
 @pytest.fixture
@@ -171,6 +178,13 @@ def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path):
     with pytest.raises(BadInput) as caught:
         read_existing_scene(tmp_path / "bad.toml")
     assert not isinstance(caught.value, MissingSceneFile)
+
+
+def test_scene_files_in_the_folder_are_named(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "dojo"\n[observers.a]\nsource = 0\n')
+    (tmp_path / "other.toml").write_text("[tool.ruff]")
+    (hint,) = scenes_in(tmp_path)
+    assert "s.toml is in this folder" in hint.what and hint.to_do == "labanmesh doctor s.toml"
 
 
 def test_observers_are_examined_in_a_process_of_their_own(tmp_path, monkeypatch):
