@@ -86,7 +86,6 @@ def up(
 
 @contextmanager
 def _set_after(seconds: float | None, stop: threading.Event) -> Iterator[None]:
-    """Set `stop` after so many seconds in the block; None: never."""
     timer = threading.Timer(seconds or 0, stop.set)
     timer.daemon = True
     if seconds is not None:

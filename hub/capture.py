@@ -74,7 +74,6 @@ class CaptureSummary:
     left_out: int
 
     def __str__(self) -> str:
-        """One line for people."""
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(self.kinds.items()))
         lost = f"; {plural(self.left_out, 'message')} lost to a full queue" if self.left_out else ""
         size_mb = self.size / BYTES_PER_MB

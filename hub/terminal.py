@@ -139,7 +139,6 @@ def _corners(observers: Sequence[ObserverState], columns: int, labels: int, stat
 
 
 def _corner(observer: ObserverState, labels: int, label_cells: int) -> RenderableType:
-    """One observer's panel: its posterior, entropy, weight and age, and its health."""
     colour = _colour(observer)
     # The label alone, when fusion does not pass on the posterior.
     ranked = observer.ranked[:labels] or ((RankedLabel(observer.label, 0.0),) if observer.label else ())
@@ -212,7 +211,6 @@ def _fusion(state: SceneState, early: Sequence[EarlyWord], notice: str) -> Rende
 
 
 def _flag_now(state: SceneState, early: Sequence[EarlyWord]) -> RenderableType:
-    """The early word of the movement in progress, else the newest verdict."""
     movement = None if state.judgement is None else state.judgement.movement
     if movement is not None and movement.label is None:
         for word in early:

@@ -31,11 +31,9 @@ class ShareBar:
     style: str = "cyan"
 
     def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
-        """The least and the greatest width."""
         return Measurement(min(MIN_CELLS, options.max_width), options.max_width)
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
-        """The segments of one line, `options.max_width` cells wide."""
         width = options.max_width
         halves = round(min(1.0, max(0.0, self.share)) * width * 2)
         full, half, track = ("#", "", ".") if options.ascii_only else ("━", "╸", "─")

@@ -208,7 +208,6 @@ def _one_frame(console: Console) -> Iterator[None]:
 
 
 def _supervised(updates: Iterator[SceneUpdate]) -> Iterator[SceneUpdate]:
-    """The same updates; each message is reported to the supervisor as a sign of life."""
     with Notifier.from_environment() as supervisor:
         for update in updates:
             if update.message is not None:

@@ -127,7 +127,6 @@ def _network_camera(source: str) -> NetworkCamera:
 
 
 def _test(scene: Scene, each: ObserverCamera) -> CameraTest:
-    """Runs `labanmesh camera look` on an observer's camera, with the scene file's settings."""
     section = scene.observer(each.observer)
     tracker = chosen_tracker(section).name
     with tempfile.TemporaryDirectory() as folder:

@@ -222,7 +222,6 @@ def _reachability(facts: NetworkFacts) -> Finding:
 
 
 def _taken(facts: NetworkFacts) -> Finding:
-    """The finding on an endpoint where something listens and does not answer as Zenoh does."""
     endpoint = facts.mesh.endpoint
     if EndpointParts.of(endpoint).protocol in SECURE:
         return ok(f"{endpoint}: can be reached; see security for whether it admits this machine")

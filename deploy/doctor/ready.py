@@ -69,7 +69,6 @@ def _check_ports(first: Address, process: str, count: int) -> str:
 
 
 def _readiness(address: Address) -> dict[str, object] | None:
-    """The answer of /readyz; None when there is none."""
     connection = http.client.HTTPConnection(address.host, address.port, timeout=READY_TIMEOUT_S)
     try:
         connection.request("GET", "/readyz")

@@ -215,7 +215,6 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
 
 
 def _shared(facts: SceneFacts) -> Iterator[Finding]:
-    """Which observers of this machine share or keep pictures: people in the room may want to know."""
     for observer in facts.here:
         section, folder = facts.scene.observer(observer), facts.clip_folders.get(observer)
         if section.picture_hz:
@@ -232,7 +231,6 @@ def _shared(facts: SceneFacts) -> Iterator[Finding]:
 
 
 def _taught(facts: SceneFacts) -> Iterator[Finding]:
-    """Warns of observers of this machine that cannot be taught, because their folder cannot be written."""
     closed: dict[Path, list[str]] = {}
     for observer, folder in facts.taught_folders.items():
         if not folder.writable:
@@ -243,7 +241,6 @@ def _taught(facts: SceneFacts) -> Iterator[Finding]:
 
 
 def _may_write(folder: Path) -> bool:
-    """Whether the folder, or the nearest one above it that exists, can be written to."""
     existing = next(each for each in (folder, *folder.parents) if each.exists())
     return existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
 
@@ -264,7 +261,6 @@ def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:
 
 
 def _other_motion(facts: SceneFacts) -> Iterator[Finding]:
-    """The hint that observers would recognise other motion better if they had learned some."""
     observers = [name for name, report in facts.reports.items() if report.blends_only]
     if observers:
         what = f"{', '.join(observers)}: recordings of ordinary life would teach what else people do"

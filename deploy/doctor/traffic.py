@@ -141,7 +141,6 @@ def _distrusted(trusts: Mapping[str, float | None]) -> dict[str, float]:
 
 
 def _decoded(key: str, kind: type[M], payload: bytes, bad: Counter[str]) -> M | None:
-    """The message; None where it cannot be used, which is counted by reason."""
     try:
         return decode_from(key, kind, payload)
     except BadMessage as fault:

@@ -131,7 +131,6 @@ def _write_schema(file: Path) -> None:
 
 
 def _show(cameras: Sequence[FirstCamera], file: Path) -> None:
-    """What each camera sees, as `labanmesh camera look` shows it; a camera that fails says why and stops nothing."""
     for number, camera in enumerate(cameras, 1):
         typer.echo(f"\ncam{number}:")
         picture = file.with_name(f"cam{number}.png").absolute()

@@ -220,7 +220,6 @@ def _locked(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Turns a failure to write below `path` into one line."""
     try:
         yield
     except OSError as error:

@@ -129,7 +129,6 @@ def _picture(newest_picture: Newest | None) -> Callable[[Request], Response]:
 
 
 def _number(query: Mapping[str, str], name: str, default: float, most: float) -> float:
-    """The number `name` of a query, 0 to `most`; raises ValueError, one line, for anything else."""
     text = query.get(name)
     if text is None:
         return default

@@ -150,7 +150,6 @@ def _read_capture(path: Path) -> tuple["Scene", "CaptureTimeline"]:
 
 
 def _token(address: Address, path: Path | None) -> str | None:
-    """The token in the file `path`; None where every user of this machine may read."""
     from hub.dashboard.access import LISTEN_KEY, checked_token, is_loopback
 
     if path is None:

@@ -77,7 +77,6 @@ def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, s
 
 
 def _clip_response(path: Path | None) -> Response:
-    """The film, or that it is not on this machine, or no longer."""
     try:
         content = None if path is None else path.read_bytes()
     except OSError:
@@ -99,7 +98,6 @@ def clips_of(scene: "Scene", verdicts: set[str]) -> dict[str, list[list[str]]]:
 
 
 def _clips(scene: "Scene") -> Iterator[tuple[str, str, Path]]:
-    """The clips on this machine: of which observer, of which verdict, and where."""
     folders = {scene.place(each.clips.folder) for each in scene.observers.values() if each.clips.folder}
     for folder in folders:
         try:
@@ -114,7 +112,6 @@ def _clips(scene: "Scene") -> Iterator[tuple[str, str, Path]]:
 
 
 def _query(given: Mapping[str, str]) -> HistoryQuery:
-    """The query of a request; raises ValueError, one line."""
     kind = given.get("kind", "")
     if kind and kind not in ROW_KINDS:
         raise ValueError(f"kind = {kind[:40]!r}: {' or '.join(ROW_KINDS)} is expected")

@@ -158,7 +158,6 @@ def _person(judgement: JudgementMessage) -> Json:
 
 
 def _count(judgement: JudgementMessage, movement: OngoingMovement | VerdictMessage | None) -> Json | None:
-    """How often the movement has been done, if it is repeated."""
     if judgement.repetitions is None or movement is None or movement.label is None:
         return None
     counted = {"done": min(judgement.repetitions, COUNT_LIMIT), "partial": judgement.partial_repetitions or 0}

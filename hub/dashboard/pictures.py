@@ -88,7 +88,6 @@ class PictureRelay:
 
 
 def _read(payload: bytes) -> PictureAnswer | None:
-    """A picture as it came over the mesh; None for anything else."""
     try:
         message = decode(PictureMessage, payload)
     except BadMessage:

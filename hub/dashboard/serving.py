@@ -126,7 +126,6 @@ def _end(stream: LiveStream, teach: TeachPage) -> None:
 def _teach_page(
     access: AccessControl, scene: "Scene", link: "Link", file: str = "SCENE"
 ) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
-    """The Teach page, and what must be called with every update."""
     if not access.teaches or not has_right(scene, "teach"):
         yield (
             TeachPage(access, off=NO_TEACH_RIGHT if access.teaches else TEACHING_IS_OFF.replace("SCENE", file)),

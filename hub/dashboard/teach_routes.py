@@ -226,7 +226,6 @@ async def _in_one_line(handle: Handle, request: Request, bad_input: int) -> Resp
 
 
 async def _change_refusal(request: Request, access: AccessControl) -> Response | None:
-    """The answer to a request for what only teachers may see and change, if it is refused."""
     authorization, headers = request.headers.get("authorization", ""), {"cache-control": NO_STORE}
     if is_foreign(request):
         return PlainTextResponse("This request comes from another page.\n", 403, headers)

@@ -228,7 +228,6 @@ class MqttHub:
             await self._wait(min(FAST_S, max(0.0, end_s - time.monotonic())))
 
     async def _wait(self, seconds: float) -> None:
-        """Wait for news, a stop, or this long."""
         self._supervisor.alive()
         end_s = time.monotonic() + seconds
         while not (self._stop.is_set() or self._news.is_set()) and (left_s := end_s - time.monotonic()) > 0:

@@ -161,7 +161,6 @@ class WebhookSender:
                 self._wake.clear()
 
     def _send(self, waiting: Waiting) -> float:
-        """Send one; returns how long to pause."""
         if self._clock() - waiting.since_ns > self._receiver.config.keep_hours * HOUR_NS:
             self._queue.remove(waiting.seq)
             log.warning("notify.%s: given up after %g h: %s", self._receiver.name, self._receiver.config.keep_hours,

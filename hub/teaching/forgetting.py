@@ -54,7 +54,6 @@ def _found(reply: TeachReply) -> bool:
 
 
 def _unknown_line(unwanted: Unwanted, replies: Sequence[TeachReply]) -> str:
-    """Perhaps the name was misspelt: who and what is known."""
     name = unwanted.person or unwanted.label
     known = {
         each for reply in replies for each in (reply.persons if unwanted.person else (*reply.labels, *reply.takes))

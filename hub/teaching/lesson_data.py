@@ -186,7 +186,6 @@ def _is_outcome(line: "Line") -> bool:
 
 
 def _plan(plan: LessonPlan) -> Json:
-    """As `plan_of` takes it."""
     return {
         "labels": list(plan.labels),
         "takes": plan.takes,

@@ -41,7 +41,6 @@ class TaughtScene:
 
 @contextmanager
 def _opened(file: Path) -> Iterator[TaughtScene]:
-    """The observers of a scene that can be asked; raises LabanmeshError if none can."""
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from common.link import Link

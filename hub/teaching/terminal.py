@@ -91,7 +91,6 @@ class Terminal:
         return newly_decided(self._listener.verdicts)
 
     def _cleared(self) -> str:
-        """The control characters that erase the part that changes."""
         if not self._changing:
             return ""
         up, self._shown = max(self._shown - 1, 0), 0

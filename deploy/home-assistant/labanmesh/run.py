@@ -64,7 +64,6 @@ def main(root: Path, supervisor: str) -> int:
 
 
 def _jobs(path: Path, scene: Scene, options: Options, token: Path) -> list[Job]:
-    """The processes of this machine; the page and the MQTT hub are always among them."""
     here = {camera["name"] for camera in options["cameras"] if camera.get("source")}
     started = [job for job in jobs(path, scene) if not options.get("router") or job.name in here]
     python = [sys.executable, "-P", "-m", "labanmesh"]
@@ -77,7 +76,6 @@ def _jobs(path: Path, scene: Scene, options: Options, token: Path) -> list[Job]:
 
 
 def _scene_file(options: Options, root: Path) -> Path:
-    """The person's own scene file, or one made of the options."""
     own = root / "config/scene.toml"
     if own.exists():
         return own
@@ -116,7 +114,6 @@ def _mesh(options: Options, folder: Path) -> dict[str, str]:
 
 
 def _broker(options: Options, root: Path, supervisor: str, stop: threading.Event) -> dict[str, str]:
-    """The broker that the options name, else the one that the supervisor knows."""
     if options.get("mqtt_host"):
         broker: Options = {
             name.removeprefix("mqtt_"): value for name, value in options.items() if name.startswith("mqtt_")
@@ -165,7 +162,6 @@ def _reason(error: Exception) -> str:
 
 
 def _token(options: Options, folder: Path) -> Path:
-    """The file with the token that the page asks for: the options' one, else one that is made once."""
     path, own = folder / "token.txt", options.get("page_token")
     if own or not path.exists():
         path.touch(0o600)
