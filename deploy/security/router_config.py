@@ -10,11 +10,9 @@ The access rules:
 5. Every admitted machine may ask the router for `ADMITTED`: the answer shows that its certificate counts.
 6. Only fusion services may ask for a handover. A hub may query all of the scene with a wildcard, so a rule denies it
    the handover keys; Zenoh puts deny before allow. A fusion service answers its own exact key alone, no wildcard.
-7. Live pictures have keys that no wildcard covers (`SceneKeys.picture`), so no other rule allows them: an observer may
-   publish its own if the scene file switches them on, and a hub with the right to them may receive them.
-8. So it is with requests to teach an observer (`SceneKeys.teach`): a hub with the right to teach may query, and the
-   observer answers under its own key.
-9. A put that no process of a scene would accept for its size stops at the router, and costs no listener anything.
+7. Live pictures and requests to teach have keys that no wildcard covers, so no other rule allows them
+   (docs/design/security.md).
+8. A put that no process of a scene would accept for its size stops at the router, and costs no listener anything.
 """
 
 import ipaddress
@@ -66,7 +64,7 @@ def router_config(
 
 
 def _fitting(scenes: Sequence["Scene"]) -> dict[str, Any]:
-    """Zenoh's low pass filter: what is published in a scene has at most SIZE_LIMIT bytes (rule 9)."""
+    """Zenoh's low pass filter: what is published in a scene has at most SIZE_LIMIT bytes (rule 8)."""
     keys = [key for scene in scenes for key in (f"{scene.keys.root}/**", scene.keys.picture())]
     return {"id": "fitting", "flows": ["ingress"], "messages": ["put"], "key_exprs": keys, "size_limit": SIZE_LIMIT}
 
