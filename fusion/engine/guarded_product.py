@@ -4,9 +4,8 @@ The formulas, where they come from and what they are for: fusion.md, "The defaul
 hypotheses (none, or one, of the observers is plainly wrong); `...` is S or nothing. Each scene is pooled by itself, and
 many to the same bits as each alone, on which a replayed capture relies.
 
-With arrays as small as 4 by 20 the number of NumPy's calls counts, whatever they compute: all logarithms of p are taken
-in one, sums are products with ones, and a few numbers, as the probabilities of the hypotheses, are plain Python. Tests
-compare it with the plain form.
+With arrays as small as 4 by 20 the number of NumPy's calls counts, whatever they compute: sums are products with ones,
+and a few numbers, as the probabilities of the hypotheses, are plain Python. Tests compare it with the plain form.
 """
 
 import math
@@ -20,11 +19,11 @@ from fusion.engine.trust import odds_of_fault
 from fusion.engine.weighing import PoolingWeights, RuleResult, Trust
 
 EPSILON = 0.02
-"""eps: share of the prior in p~; it bounds a veto."""
+"""eps: share of the prior in p~; it bounds a veto, and keeps all logarithms finite."""
 FAULT_PROBABILITY = (0.05, 0.3)
 """Prior probability that an observer is plainly wrong, for three, and for four and more participants: two of three
 agree by mistake more often than three of four."""
-ODDS_OF_THREE, ODDS_OF_FOUR = (probability / (1.0 - probability) for probability in FAULT_PROBABILITY)
+ODDS_OF_FAULT = tuple(probability / (1.0 - probability) for probability in FAULT_PROBABILITY)
 GAMMA = 0.45
 """Chosen with BETA and FAULT_PROBABILITY: with this exponent, the result is right as often as it claims."""
 BETA = 2.0
@@ -35,10 +34,6 @@ SIMILARITY_SCALE = 0.05
 """Log distance at which rho of two posteriors falls to 1/e."""
 CERTAIN_MASS = 0.03
 """Two observers are certain if their mean posterior leaves less than this to all labels but one."""
-BOTH_SURE = 1.0 - 2.0 * CERTAIN_MASS
-"""Of two that are certain of one label together, each is surer of it than this."""
-LOG_FLOOR = 0.01
-"""Share of the prior that is mixed into posteriors before their logs are compared, so that zeros stay finite."""
 LEAST_SIZE = np.array(1e-12)
 """Nats; a posterior whose log ratios to the prior add up to less carries no information."""
 MOST_FINITE = 16
@@ -70,14 +65,14 @@ def guarded_weights(p: Floats, prior: Floats, trust: Trust) -> PoolingWeights:
 
 def _weigh(p: Floats, prior: Floats, trust: Trust) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """w (..., H, N); x (..., H, M) = ln L_h(m); P(h) and W^(gamma-1), (..., H); shares (..., N)."""
-    fixed = _fixed(p.shape[-2], prior.tobytes(), p.ndim)
+    fixed = _fixed(p.shape[-2], prior.tobytes())
     logs = np.log(p * fixed.scale + fixed.offset)
-    bits = np.maximum(_times(p * logs[0], fixed.to_bits), ZERO)
+    bits = np.maximum(_times(p * logs, fixed.to_bits), ZERO)
     # Each is correlated with itself, unless it is at the prior.
-    w = fixed.believed / np.maximum(_product(fixed.believed, _correlations(p, logs[2], fixed)), ONE)
+    w = fixed.believed / np.maximum(_product(fixed.believed, _correlations(p, logs, fixed)), ONE)
     if trust is not None:
         w *= trust[..., None, :]
-    x = _product(w, logs[1])
+    x = _product(w, logs)
     z = _times(np.exp(x if p.shape[-2] <= MOST_FINITE else x - x.max(axis=(-2, -1), keepdims=True)), prior)
     effective_number = (_times(w, bits) ** 2 + D0_SQUARED) / (_times(w, bits * bits) + D0_SQUARED)
     factor = np.power(np.maximum(effective_number, ONE), EXPONENT)
@@ -87,7 +82,7 @@ def _weigh(p: Floats, prior: Floats, trust: Trust) -> tuple[Floats, Floats, Floa
 
 
 def _correlations(p: Floats, logs: Floats, fixed: "_Fixed") -> Floats:
-    """(..., N, N) rho: 1 for equal posteriors, near 0 for independent ones. logs: of p/prior, with LOG_FLOOR."""
+    """(..., N, N) rho: 1 for equal posteriors, near 0 for independent ones. logs: of p~/prior."""
     sizes = np.abs(logs) @ fixed.ones + LEAST_SIZE
     differences = logs[..., :, None, :] - logs[..., None, :, :]
     # The least one: two observers at the prior are not correlated.
@@ -103,7 +98,9 @@ def _discount_certainty(p: Floats, rho: Floats) -> None:
     labels = p.argmax(1).tolist()
     if len(set(labels)) == len(labels):
         return
-    sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > BOTH_SURE]
+    # Of two that are certain of one label together, each is surer of it than this.
+    least = 1.0 - 2.0 * CERTAIN_MASS
+    sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > least]
     for count, (n, label, top) in enumerate(sure):
         for other, other_label, other_top in sure[:count]:
             if label == other_label:
@@ -130,10 +127,9 @@ def _posterior_odds(bits: list[float], z: list[float], trust: list[float] | None
         ratio = z_one_wrong / z_none_wrong
         doubt = participation * (ratio if ratio < BAYES_FACTOR_LIMIT else BAYES_FACTOR_LIMIT) ** BETA
         doubts.append(doubt if trust is None or trust[n] == 1.0 else doubt * odds_of_fault(trust[n]))
-    odds = ODDS_OF_FOUR
+    of_three, odds = ODDS_OF_FAULT
     if participants < 4.0:
-        odds = ODDS_OF_THREE * min(max(participants - 2.0, 0.0), 1.0)
-        odds += (ODDS_OF_FOUR - ODDS_OF_THREE) * max(participants - 3.0, 0.0)
+        odds = of_three * min(max(participants - 2.0, 0.0), 1.0) + (odds - of_three) * max(participants - 3.0, 0.0)
     none_wrong = 1.0 / (1.0 + odds * sum(doubts))
     return [none_wrong, *[odds * none_wrong * doubt for doubt in doubts]]
 
@@ -163,9 +159,9 @@ def _average(a: Floats, b: Floats) -> Floats:
 class _Fixed:
     """Arrays that depend on the prior and on the number of observers alone.
 
-    scale, offset (3, ..., N, M), with one scene: p times scale plus offset is p/prior, kept above 0; (1-eps) p/prior +
-    eps; and the same with LOG_FLOOR. to_bits, ones, to_exponent (M,): products with them are sums, the first from
-    natural logs to bits, the last times TO_EXPONENT. believed (H, N): 1 for an observer that the hypothesis believes.
+    scale, offset (N, M): p times scale plus offset is p~/prior = (1-eps) p/prior + eps. to_bits, ones, to_exponent
+    (M,): products with them are sums, the first from natural logs to bits, the last times TO_EXPONENT. believed (H, N):
+    1 for an observer that the hypothesis believes.
     """
 
     scale: Floats
@@ -177,19 +173,13 @@ class _Fixed:
 
 
 @lru_cache(maxsize=64)
-def _fixed(size: int, prior_bytes: bytes, dimensions: int) -> _Fixed:
+def _fixed(size: int, prior_bytes: bytes) -> _Fixed:
     """For `size` observers. prior_bytes: the prior as bytes, because an array cannot be a key of the cache."""
-    prior, believed = np.frombuffer(prior_bytes), believed_by(size)
-    weights, offsets = (
-        np.array([1.0, 1.0 - EPSILON, 1.0 - LOG_FLOOR]),
-        np.array([SMALLEST, EPSILON, LOG_FLOOR]),
-    )
+    prior = np.frombuffer(prior_bytes)
     # In full, because NumPy needs twice as long to repeat a row or a number.
-    axes, full = (3, *[1] * dimensions), (3, *[1] * (dimensions - 2), size, len(prior))
-    scale = np.broadcast_to(weights.reshape(axes) * (1.0 / prior), full).copy()
-    offset = np.broadcast_to(offsets.reshape(axes), full).copy()
+    scale, offset = np.tile((1.0 - EPSILON) / prior, (size, 1)), np.full((size, len(prior)), EPSILON)
     to_bits, ones, to_exponent = (np.full(len(prior), each) for each in (NATS_TO_BITS, 1.0, TO_EXPONENT))
-    return _Fixed(scale, offset, to_bits, ones, to_exponent, believed)
+    return _Fixed(scale, offset, to_bits, ones, to_exponent, believed_by(size))
 
 
 @cache

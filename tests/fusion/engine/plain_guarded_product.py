@@ -9,10 +9,8 @@ from fusion.engine.guarded_product import (
     EPSILON,
     GAMMA,
     LEAST_SIZE,
-    LOG_FLOOR,
     NATS_TO_BITS,
-    ODDS_OF_FOUR,
-    ODDS_OF_THREE,
+    ODDS_OF_FAULT,
     PARTICIPATION_BITS,
     SIMILARITY_SCALE,
     believed_by,
@@ -49,7 +47,7 @@ def uncertainty(p):
 
 def similarity(ratio):
     """(..., N, N): 1 for equal posteriors, near 0 for independent ones, and for two at the prior."""
-    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
+    logs = np.log((1.0 - EPSILON) * ratio + EPSILON)
     sizes = np.abs(logs).sum(axis=-1) + LEAST_SIZE
     both = sizes[..., :, None] + sizes[..., None, :]
     distance = (np.abs(logs[..., :, None, :] - logs[..., None, :, :]).sum(axis=-1) + LEAST_SIZE) / (both / 2)
@@ -70,17 +68,19 @@ def _hypotheses(w, ratio, prior, doubted, participants):
     log_likelihood = w @ np.log((1.0 - EPSILON) * ratio + EPSILON)
     largest = np.maximum.reduce(log_likelihood, axis=-1)
     log_z = np.log(np.exp(log_likelihood - largest[..., None]) @ prior) + largest
-    odds = ODDS_OF_THREE * np.minimum(np.maximum(participants - 2.0, 0.0), 1.0)
-    odds = odds + (ODDS_OF_FOUR - ODDS_OF_THREE) * np.minimum(np.maximum(participants - 3.0, 0.0), 1.0)
+    of_three, of_four = ODDS_OF_FAULT
+    odds = of_three * np.minimum(np.maximum(participants - 2.0, 0.0), 1.0)
+    odds = odds + (of_four - of_three) * np.minimum(np.maximum(participants - 3.0, 0.0), 1.0)
     mass = np.exp(np.minimum(BETA * (log_z - log_z[..., :1]), EXPONENT_LIMIT))
     mass[..., 1:] *= odds[..., None] * doubted
     return mass / mass.sum(axis=-1, keepdims=True)
 
 
 def divergence_from_prior(p, ratio):
-    """(..., N, M) posteriors, their ratios to the prior -> (..., N) Kullback-Leibler divergence in bits, 0 or more."""
+    """(..., N, M) posteriors, their ratios to the prior -> (..., N) sum p log2(p~/prior), 0 or more."""
     # As guarded_product.py computes it, to the last bit: shares of almost nothing depend on it.
-    return np.maximum(p * np.log(ratio + SMALLEST) @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
+    logs = np.log((1.0 - EPSILON) * ratio + EPSILON)
+    return np.maximum(p * logs @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
 
 
 def shares_of(amounts):

@@ -48,7 +48,7 @@ def product(p):
 def oracle(p, prior, trust, rho):
     """P(m) of N >= 3 participating observers, hypothesis by hypothesis, in plain loops."""
     observers, labels = p.shape
-    divergence = (p * np.log2(p / prior)).sum(1)
+    divergence = (p * np.log2((1 - EPSILON) * p / prior + EPSILON)).sum(1)
     fault = FAULT_PROBABILITY[min(observers - 3, 1)]
     mass, answers = [], []
     for wrong in (None, *range(observers)):
@@ -74,11 +74,11 @@ def test_it_is_the_average_over_which_observer_is_wrong(observers, labels, seed)
     prior = normalise(rng.uniform(0.5, 1.5, labels))
     # Different enough to be uncorrelated without learning, and none near the prior.
     p = normalise(rng.dirichlet(np.full(labels, 0.4), observers) + 0.01)
-    divergence = (p * np.log2(p / prior)).sum(1)
+    divergence = (p * np.log2((1 - EPSILON) * p / prior + EPSILON)).sum(1)
     rho = np.zeros((observers, observers))
     trust = rng.uniform(0.1, 1, observers)
     if (divergence > 0.06).all():
-        logs = np.log(0.99 * p / prior + 0.01)
+        logs = np.log((1 - EPSILON) * p / prior + EPSILON)
         sizes = np.abs(logs).sum(1)
         for i in range(observers):
             for j in range(i):
