@@ -120,11 +120,11 @@ class RosterEntry:
     """One observer's newest message, and what follows from it; computed once per message instead of once per step.
 
     p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
-    honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). visible_ns: capture of the
-    newest frame that showed a body part. usual_s: for so long a posterior is fresh by the observer's usual interval, 0
-    while that is unknown. fault: the vote state after an unusable message. gone: the process disappeared after its last
-    usable one. published: the hash of the vocabulary of its newest message, usable or not, and when that arrived; None
-    if the process disappeared since. All times by our clock, Unix epoch.
+    honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). visible_ns:
+    capture of the newest frame that showed a body part. usual_s: for so long a posterior is fresh by the observer's
+    usual interval, 0 while that is unknown. fault: the vote state after an unusable message. gone: the process
+    disappeared after its last usable one. published: the hash of the vocabulary of its newest message, usable or not,
+    and when that arrived; None if the process disappeared since. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))

@@ -200,7 +200,8 @@ class FusionEngine:
 
     def _case(self, posteriors: Sequence[AgedPosterior], now_ns: int | None = None) -> PoolingCase:
         with_facets = now_ns is None or abs(now_ns - self._facets_ns) >= FACETS_NS
-        return PoolingCase(self._rule, posteriors, self.roster.prior, self._config.temperature, with_facets)
+        temperature, proven = self._config.temperature, self._reliability.proves
+        return PoolingCase(self._rule, posteriors, self.roster.prior, temperature, with_facets, proven)
 
     def _verdicts(
         self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictBasis

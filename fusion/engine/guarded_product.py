@@ -53,8 +53,9 @@ def guarded_product(p: Floats, prior: Floats, trust: Trust = None, /) -> RuleRes
     logs = factor[..., None] * x
     mass = np.exp(logs if p.shape[-2] <= MOST_FINITE else logs - logs.max(axis=-1, keepdims=True))
     # Each hypothesis is normalised by its factor in the average, not by itself.
-    pooled = _average(hypotheses / _times(mass, prior), mass) * prior
-    return RuleResult(pooled, shares)
+    total = _times(mass, prior)
+    pooled = _average(hypotheses / total, mass) * prior
+    return RuleResult(pooled, shares, hypotheses, mass[..., -1] * prior[-1] / total)
 
 
 def guarded_weights(p: Floats, prior: Floats, trust: Trust) -> PoolingWeights:

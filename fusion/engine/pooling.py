@@ -3,8 +3,8 @@
 The design, with the numbers that the code names: fusion.md, "More than movements". Rest is pooled in rest.py.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -44,13 +44,17 @@ class PooledPosterior:
 
 @dataclass(slots=True)
 class PoolingCase:
-    """The input of `pool_posteriors`: one scene at one time. with_facets: whether `pool_steps` pools the facets too."""
+    """The input of `pool_posteriors`: one scene at one time. with_facets: whether `pool_steps` pools the facets too.
+
+    proven: whether an observer's labels have agreed with verdicts; None: all have.
+    """
 
     rule: Rule
     posteriors: Sequence[AgedPosterior]
     prior: Floats
     temperature: float = 1.0
     with_facets: bool = True
+    proven: Callable[[str], bool] | None = None
 
     @property
     def has_unlearned(self) -> bool:
@@ -63,15 +67,15 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     """Pool the posteriors of at least one observer (1, 2, 4)."""
     has_unlearned, trust, rows = case.has_unlearned, observer_trust(case.posteriors), _rows(case)
     answers, prior = _answers(case, rows, has_unlearned), _prior(case, has_unlearned)
-    facing = _facing(case.posteriors, len(prior))
+    pooled, facing = case.rule.pool(answers, prior, trust), _facing(case.posteriors, len(prior))
     if facing is None:
-        pooled = case.rule.pool(answers, prior, trust)
-        return _result(case, rows, pooled.p, pooled.weights)
+        return _result(case, rows, pooled)
     joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, trust)
     pooled_answers = joint.p.sum(axis=1)
     # The divisor keeps an answer of probability 0 from giving a NaN.
     facing_given_answer = joint.p / np.where(pooled_answers > 0, pooled_answers, 1.0)[:, None]
-    return _result(case, rows, pooled_answers, joint.weights, facing_given_answer)
+    pooled = replace(pooled, p=pooled_answers, weights=joint.weights)
+    return _result(case, rows, pooled, facing_given_answer)
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
@@ -100,7 +104,10 @@ def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     answers = np.array([_answers(case, case_rows, has_unlearned) for case, case_rows in zip(cases, rows, strict=True)])
     trust = _stacked([observer_trust(case.posteriors) for case in cases])
     pooled = first.rule.pool(answers, prior, trust)
-    yield from map(_result, cases, rows, pooled.p, pooled.weights)
+    for n, (case, case_rows) in enumerate(zip(cases, rows, strict=True)):
+        hypotheses = None if pooled.hypotheses is None else pooled.hypotheses[n]
+        last = None if pooled.last is None else pooled.last[n]
+        yield _result(case, case_rows, RuleResult(pooled.p[n], pooled.weights[n], hypotheses, last))
 
 
 def _stacked(trusts: Sequence[Trust]) -> Trust:
@@ -216,10 +223,10 @@ def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
 
 
 def _result(
-    case: PoolingCase, rows: Floats, answers: Floats, weights: Floats, facing_given_answer: Floats | None = None
+    case: PoolingCase, rows: Floats, pooled: RuleResult, facing_given_answer: Floats | None = None
 ) -> PooledPosterior:
     """The pooled answers as movements and "something else"; the movements become the last of the rows."""
-    has_unlearned = len(answers) > len(case.prior)
+    answers, weights, has_unlearned = pooled.p, pooled.weights, len(pooled.p) > len(case.prior)
     if case.temperature != 1.0:
         answers = temper(answers, _prior(case, has_unlearned), 1.0 / case.temperature)
     facing = None if facing_given_answer is None else answers @ facing_given_answer
@@ -230,7 +237,16 @@ def _result(
     total = float(np.add.reduce(movements))
     # If something else is certain, nothing is known about the movements.
     rows[-1] = p = movements / total if total > 0 else uniform(len(movements))
-    return PooledPosterior(p, weights, min(unlearned, 1.0), facing, rows)
+    return PooledPosterior(p, weights, min(unlearned, *_without_unproven(case, pooled)), facing, rows)
+
+
+def _without_unproven(case: PoolingCase, pooled: RuleResult) -> list[float]:
+    """1, and of three and more participants "something else" without each that is not proven (1)."""
+    proven = case.proven
+    if proven is None or pooled.hypotheses is None or pooled.last is None:
+        return [1.0]
+    without = zip(case.posteriors, pooled.hypotheses[1:].tolist(), pooled.last[1:].tolist(), strict=False)
+    return [1.0, *[last for each, doubt, last in without if doubt > 0.0 and not proven(each.observer)]]
 
 
 _uniform = cache(uniform)

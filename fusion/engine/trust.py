@@ -128,6 +128,10 @@ class Reliability:
         """P(the labels of an observer are honest)."""
         return honest_of(self.evidence.get(observer, 0.0))
 
+    def proves(self, observer: str) -> bool:
+        """Whether its labels have agreed with verdicts more than they have contradicted them."""
+        return self.evidence.get(observer, 0.0) > 0.0
+
 
 def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:
     """The reliability after this verdict; unchanged unless the verdict is final and new, and no abstention."""

@@ -10,7 +10,6 @@ ICASSP 2003.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -26,11 +25,14 @@ Trust = Floats | None
 class RuleResult:
     """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none.
 
-    Nothing changes one; it is not frozen, because that takes four times as long to make, and each step makes some.
+    Of a rule that averages over hypotheses, none and then each observer being wrong: their probabilities (H,), and that
+    of the last answer under each, `last` (H,). Not frozen: that takes four times as long to make, in each step.
     """
 
     p: Floats
     weights: Floats
+    hypotheses: Floats | None = None
+    last: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +54,8 @@ Weigh = Callable[[Floats, Floats, Trust], PoolingWeights]
 """p (N, M), prior (M,), trust -> the weights of N observers."""
 Mix = Callable[[Floats, Floats, PoolingWeights], Floats]
 """cells (N, M, K), summing to 1 per observer, prior (M,), weights -> (M, K)."""
-
-
-class PoolMovements(Protocol):
-    """Both steps at once."""
-
-    def __call__(self, p: Floats, prior: Floats, trust: Trust = None, /) -> RuleResult:
-        """p (..., N, M), prior (M,), trust (..., N) -> the pooled p (..., M) and weights (..., N)."""
+PoolMovements = Callable[..., RuleResult]
+"""p (..., N, M), prior (M,), trust (..., N), None by default -> p (..., M), weights (..., N): both steps at once."""
 
 
 @dataclass(frozen=True)

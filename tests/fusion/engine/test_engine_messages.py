@@ -45,6 +45,18 @@ def test_after_something_else_a_movement_needs_no_rest():
     assert scene.verdicts[0].began_ns > 0 and scene.verdicts[1].ended_ns > scene.verdicts[0].decided_ns
 
 
+def test_one_of_four_that_is_always_sure_of_something_else_blocks_no_movement_not_even_the_first():
+    scene, bow = EngineDriver(), {"door": (0.6, 0.3), "wheel": (0.9, 0.25), "table": (0.97, 0.2)}
+    for n in range(60):
+        scene.tick()
+        for view, (p, unlearned) in bow.items():
+            moves = n % 30 < 15
+            scene.publish(view, sure("bow", p) if moves else UNIFORM, float(not moves), unlearned=unlearned)
+        scene.publish("back", UNIFORM, 0.0, unlearned=1.0)
+        scene.fuse()
+    assert scene.labels == ["bow"] * 4
+
+
 @pytest.mark.parametrize(("unlearned", "decided"), [(0.0, ["bow"]), (0.3, [])])
 def test_the_threshold_is_among_all_answers(unlearned, decided):
     scene = EngineDriver(rule="linear")

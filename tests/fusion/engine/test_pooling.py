@@ -28,6 +28,7 @@ from fusion.engine.weighing import log_mix
 ALL = list(RULES.values())
 LINEAR = [RULES[name] for name in ("inverse_entropy", "min_entropy", "linear")]
 DEFAULT, PRODUCT = RULES[DEFAULT_RULE], RULES["product"]
+UNSEEN = (1 / 3, 1 / 3, 1 / 3)
 P = [(0.7, 0.2, 0.1), (0.2, 0.5, 0.3), (0.5, 0.3, 0.2)]
 each_rule = pytest.mark.parametrize("rule", ALL, ids=lambda rule: rule.name)
 
@@ -49,6 +50,11 @@ def pooled(rule, votes, temperature=1.0):
     return pool_posteriors(PoolingCase(rule, votes, uniform(3), temperature))
 
 
+def unlearned_of_new(votes):
+    """The pooled "something else" while cam2 has agreed with no verdict."""
+    return pool_posteriors(PoolingCase(DEFAULT, votes, uniform(3), proven=lambda name: name != "cam2")).unlearned
+
+
 def encoded(mass):
     return np.minimum(np.rint(-8 * np.log(normalise(np.array(mass, dtype=float)))), 255).astype(int)
 
@@ -66,6 +72,18 @@ def test_with_movements_alone_it_is_the_rule_bit_for_bit(rule):
 
 
 # "Something else"
+
+
+def test_one_that_has_agreed_with_no_verdict_does_not_find_something_else_alone():
+    """Two name a movement, and leave some to something else; the third is sure of it, and may be right once proven."""
+    named = [posterior(n, (0.9, 0.05, 0.05), unlearned=u) for n, u in enumerate((0.4, 0.3))]
+    sure = posterior(2, UNSEEN, unlearned=1.0)
+    assert pooled(DEFAULT, [*named, sure]).unlearned > 0.5
+    assert unlearned_of_new([*named, sure]) == pytest.approx(pooled(DEFAULT, named).unlearned)
+    # Two can only contradict each other, and one that sees nobody is no third.
+    for votes in ([named[0], sure], [named[0], posterior(1, UNSEEN), sure]):
+        assert unlearned_of_new(votes) == pooled(DEFAULT, votes).unlearned
+    assert unlearned_of_new([sure] * 3) > 0.99
 
 
 @each_rule
@@ -237,7 +255,8 @@ def cases(draw):
         fields["facets"] = {name: normalise(mass[:2] + k) for k, name in enumerate("abc") if draw(st.booleans())}
         votes.append(posterior(i, mass / mass.sum(), **fields))
     rule = get_rule(draw(st.sampled_from(["guarded_product", "inverse_entropy", "log"])))
-    return PoolingCase(rule, votes, uniform(m), draw(st.sampled_from([1.0, 1.5])))
+    proven = draw(st.sampled_from([None, ["cam0", "cam2"].__contains__]))
+    return PoolingCase(rule, votes, uniform(m), draw(st.sampled_from([1.0, 1.5])), proven=proven)
 
 
 @given(st.lists(cases(), max_size=4), st.integers(1, 3))
