@@ -262,7 +262,7 @@ def _clock(clock: ClockState, other_clocks: bool | None) -> Finding:
     if clock == "synchronised":
         return ok("the clock is synchronised")
     if other_clocks is False:
-        return ok("the clock may be wrong: in this scene all processes share it")
+        return ok("the clock may be wrong, and does no harm: all processes of this scene share it")
     mark: Mark = "warning" if other_clocks else "hint"
     if clock == "unknown":
         what = "cannot tell whether the clock is synchronised"
