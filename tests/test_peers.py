@@ -18,16 +18,13 @@ from benchmarks.comparisons.classifiers.comparison import (
     PeerComparison,
     PeerOptions,
     compare_peers,
-    seen_by_all,
-    seen_by_some,
 )
 from benchmarks.comparisons.classifiers.panels import (
     make_panel,
     view_centres,
 )
 from benchmarks.comparisons.classifiers.tables import accuracy_interval, as_json, as_markdown, peer_rows
-from common.errors import BadInput
-from observer.geometry.views import View, parse_view
+from observer.geometry.views import parse_view
 from observer.model.rocket import MiniRocket, choose_dilations
 from observer.motion.archive_file import write_archive
 from observer.tracks import BODY_PARTS
@@ -61,16 +58,6 @@ def shown(archive, fraction, length=12, derived=True):
     return make_panel(
         [view_centres(t.recording, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived
     )
-
-
-def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(archive):
-    whole = shown(archive, 1.0)
-    assert whole.shape == (8, 2 * (6 + 4 + 6), 12)
-    door, from_head = whole[:, :6], whole[:, 12:16]
-    for hand in (0, 1):
-        x, head = door[:, 2 * hand : 2 * hand + 2], door[:, 2 * HEAD : 2 * HEAD + 2]
-        assert from_head[:, 2 * hand : 2 * hand + 2] == pytest.approx(x - head)
-    assert shown(archive, 1.0, derived=False) == pytest.approx(shown(archive, 1.0)[:, :12])
 
 
 @pytest.mark.parametrize("fraction", FRACTIONS[:-1])
@@ -117,36 +104,6 @@ def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
     assert [c.name for c in comparison.curves] == ["ours, fused"] and comparison.people == ("1",) * 4 + ("2",) * 4
 
 
-def certain_peer():
-    """Knows "ok" by its first hand's height, and says so with a certainty that grows with its distance from 0."""
-
-    def by_height(learned, labels, unknown, seed, fast):
-        height = unknown[:, 0, -1]
-        return np.stack([height, -height], axis=1)
-
-    return Peer(by_height, 12, False, False)
-
-
-def test_sensors_judge_by_product_and_a_missing_one_is_left_out(archive):
-    """Sensor b lacks one of person 2's four performances: it counts for "all", and not for "seen by all"."""
-    judged = [n for n, r in enumerate(archive.recordings) if r.subject == "2"]
-    fewer = tuple(r for n, r in enumerate(archive.recordings) if n != judged[1])
-    sensors = (archive, dataclasses.replace(archive, recordings=fewer))
-    views = (View("a", DOOR_WHEEL[0].matrix), View("b", DOOR_WHEEL[1].matrix))
-    settings = EvaluationSettings(views=views, labels=LABELS, train_subjects=("1",), **PHASE, sensors=sensors)
-    comparison = compare_peers(archive, "both", settings, PeerOptions(), peers={}, alone=certain_peer())
-    curves = {curve.name: curve.right for curve in comparison.curves}
-    assert list(curves) == ["ours, fused", "ours, a", "ours, b", PRODUCT, "MiniRocket, a", "MiniRocket, b"]
-    for name, right in curves.items():
-        missing = np.isnan(right).all(axis=0)
-        assert missing.tolist() == [False, name.endswith("b"), False, False] and np.isnan(right).sum() in (0, 5)
-    assert (curves[PRODUCT][:, 1] == curves["MiniRocket, a"][:, 1]).all()
-    some, every = seen_by_some(comparison), seen_by_all(comparison, "few")
-    assert [c.name for c in some.curves] == ["ours, fused", "ours, a", PRODUCT, "MiniRocket, a"]
-    assert every.movements == "few" and len(every.people) == 3 and len(every.curves) == 6
-    assert len(as_markdown(peer_rows([every, some]), FRACTIONS).splitlines()) == 2 + 7 + 5
-
-
 def test_the_interval_of_many_people_is_that_of_independent_trials():
     right = np.random.default_rng(4).random((1, 1000)) < 0.8
     score = accuracy_interval([right.astype(float)], [[str(n) for n in range(1000)]])
@@ -158,16 +115,6 @@ def test_the_interval_of_many_people_is_that_of_independent_trials():
     right = np.array([[float(p in "01") for p in people]])
     alone, few = (accuracy_interval([right], [names]) for names in ([str(n) for n in range(250)], people))
     assert few.high[0] - few.low[0] > 4 * (alone.high[0] - alone.low[0])
-
-
-def test_a_difference_on_the_same_trials_is_surer_than_each_of_the_two():
-    people = [str(n % 5) for n in range(250)]
-    one = (np.random.default_rng(5).random((1, 250)) < 0.8).astype(float)
-    other = one.copy()
-    other[0, :5] = 0
-    apart, alone = accuracy_interval([one - other], [people]), accuracy_interval([one], [people])
-    assert apart.high[0] - apart.low[0] < 0.5 * (alone.high[0] - alone.low[0])
-    assert accuracy_interval([one - one], [people]).high[0] == 0
 
 
 def comparisons():
@@ -190,23 +137,6 @@ def test_the_table_has_every_classifier_and_the_differences():
     assert figures[0]["accuracy_at"]["0.2"] == 0.75 and figures[1]["area"] == 0.25
     low, high = figures[0]["interval"]["area"]
     assert low < 0.75 <= high
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error"),
-    [
-        ({"page": "absent.md"}, "cannot read"),
-        ({"page": "plain.md"}, "needs the lines"),
-        ({"page": "plain.md", "fast": True}, "omit one of the two"),
-        ({"page": "plain.md", "peers_only": True}, "not all that a page shows; omit one of the two"),
-        ({"table": ["karat"]}, "--table karat: known are msr, sensors, florence, karate, "),
-    ],
-)
-def test_bad_options_are_rejected_before_the_work(tmp_path, arguments, error):
-    (tmp_path / "plain.md").write_text("no marks\n", encoding="utf-8")
-    with pytest.raises(BadInput, match=error):
-        page = tmp_path / arguments["page"] if "page" in arguments else None
-        commands.peers(**{**arguments, "page": page})
 
 
 @with_aeon

@@ -1,7 +1,6 @@
 """The cost of growth: the simulation agrees with the measurements, the page with the command."""
 
 from dataclasses import fields, replace
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -9,22 +8,16 @@ import pytest
 from benchmarks.scale import __main__ as commands
 from benchmarks.scale import process, table
 from benchmarks.scale.homes import (
-    NOTICE_S,
     OUT,
     UP,
     Assumptions,
     Design,
-    MembershipChange,
     flows,
-    ownership_of,
     scaled,
-    scene_counts,
 )
 from benchmarks.scale.measured import Costs, parse_measured
-from benchmarks.scale.process import Load, Stay, simulate_many
-from common.errors import BadInput
+from benchmarks.scale.process import Load
 from fusion import server
-from fusion.ownership import rendezvous_rank
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/design/scale.md"
@@ -33,9 +26,6 @@ MEASURED = parse_measured(TEXT)
 FREE = Costs(**{field.name: 0.0 for field in fields(Costs)})
 SHARE, AGE = 0.25, 2.0
 """A simulated share of a core, or count of judgements, is off by so much at most, relative; an age by such a factor."""
-
-
-HOMES = [f"home{n}" for n in range(40)]
 
 
 def dearer(costs, times):
@@ -66,41 +56,6 @@ def test_the_simulated_loop_is_set_as_the_real_one():
     assert real == (process.PAUSE_S, process.TOGETHER, process.STATUS_S)
 
 
-def test_the_share_of_a_core_is_the_sum_of_the_costs():
-    costs = replace(FREE, receive=3.0, take=5.0, decode=10.0, judge=100.0, publish=20.0, status=7.0)
-    trace = simulate_many(costs, Load(), [Stay(n) for n in range(20)], 4.0)
-    loop_us = 20 * 10 * (100 + 20 + 4 * (5 + 10)) + 20 * 7
-    assert trace.loop_share == pytest.approx(loop_us / 1e6, rel=0.05)
-    assert trace.core_share - trace.loop_share == pytest.approx(20 * 120 * 3 / 1e6)
-
-
-def test_with_one_core_zenohs_threads_take_theirs_from_the_loop():
-    costs, stays = replace(FREE, receive=25.0, judge=500.0), [Stay(n) for n in range(250)]
-    two, one = (simulate_many(costs, Load(cores=cores), stays, 1.0) for cores in (2, 1))
-    assert one.judgements_hz == pytest.approx(two.judgements_hz * 0.25, rel=0.1)
-
-
-def test_a_death_and_a_coming_move_their_own_homes_and_none_is_judged_twice_at_a_time():
-    names, services = HOMES, ["north", "south", "west"]
-    quiet = ownership_of(names, services, ())
-    assert quiet.moved == 0
-    for service, own in quiet.stays.items():
-        owned = {n for n, home in enumerate(names) if rendezvous_rank(home, services)[0] == service}
-        assert {stay.scene for stay in own} == owned and scene_counts(names, services)[service] == len(own)
-    changes = [MembershipChange(1.0, "west", False), MembershipChange(2.0, "east", True)]
-    ownership = ownership_of(names, services, changes)
-    before = scene_counts(names, services)["west"]
-    after = scene_counts(names, ["north", "south", "east"])["east"]
-    assert ownership.moved == before + after > 0
-    by_scene = {}
-    for own in ownership.stays.values():
-        for stay in own:
-            by_scene.setdefault(stay.scene, []).append((stay.begin_s, stay.end_s))
-    for times in map(sorted, by_scene.values()):
-        assert times[0][0] == 0 and times[-1][1] == float("inf")
-        assert all(0 <= b[0] - a[1] <= NOTICE_S + 1e-9 for a, b in pairwise(times))
-
-
 def test_no_posterior_leaves_a_home_that_judges_itself():
     home, region = (
         {(flow.key, flow.link) for flow in flows(design, MEASURED.sizes, Assumptions(), Load())} for design in Design
@@ -128,18 +83,3 @@ def test_the_page_is_what_the_command_writes(tmp_path):
     page.write_text(PAGE.read_text("utf-8"), "utf-8")
     commands.scale(page=page)
     assert page.read_text("utf-8") == PAGE.read_text("utf-8"), "make scale writes it anew"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error"),
-    [
-        ({"homes": "ten"}, "--homes 'ten'"),
-        ({"assume": ["gold=3"]}, "names: movements"),
-        ({"assume": ["kwh=nan"]}, "'kwh=nan'"),
-        ({"measured": Path("nowhere.json")}, "cannot read"),
-    ],
-)
-def test_bad_arguments_are_one_line(arguments, error):
-    with pytest.raises(BadInput) as caught:
-        commands.scale(**{"homes": "", "assume": None, "measured": None, "page": None, **arguments})
-    assert error in str(caught.value) and "\n" not in str(caught.value)

@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.comparisons.classifiers import spotter
 from benchmarks.comparisons.classifiers.comparison import PeerOptions
-from benchmarks.comparisons.classifiers.spotter import spot_streams, verdicts_of
+from benchmarks.comparisons.classifiers.spotter import spot_streams
 from benchmarks.comparisons.classifiers.spotter_windows import (
     ELSEWHERE,
     JITTERED,
@@ -56,24 +56,6 @@ def test_training_windows_are_spans_their_first_parts_and_something_else(archive
     other = [w for w in windows if w.movement == len(LABELS)]
     assert len(other) == ELSEWHERE * len(stream.spans)
     assert all(is_elsewhere(w.begin, w.end, span) for w in other for span in stream.spans)
-
-
-def probabilities(*rows):
-    """One length of window, a step every 4 frames; rows: P(ok), P(shake)."""
-    p = np.array([[[*row, 1 - sum(row)]] for row in rows])
-    return StreamProbabilities(np.arange(len(rows)) * 4, p)
-
-
-def test_a_verdict_needs_two_steps_and_rearms_after_a_pause():
-    quiet, high = (0.0, 0.0), (0.9, 0.0)
-    once = probabilities(quiet, high, quiet, high, high, high, quiet)
-    assert [(v.label, v.at_s) for v in verdicts_of(once, RATE, LABELS, 0.5)] == [("ok", pytest.approx(16 / RATE))]
-    assert verdicts_of(once, RATE, LABELS, 0.95) == []
-    for pause, count in ((10, 1), (12, 2)):
-        again = probabilities(high, high, *[quiet] * pause, high, high)
-        assert len(verdicts_of(again, RATE, LABELS, 0.5)) == count
-    both = probabilities(high, high, (0.0, 0.8), (0.0, 0.8))
-    assert [v.label for v in verdicts_of(both, RATE, LABELS, 0.5)] == ["ok", "shake"]
 
 
 def test_nobody_is_judged_by_what_they_taught_and_the_threshold_is_chosen_on_others(archive, monkeypatch):

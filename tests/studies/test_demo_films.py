@@ -20,10 +20,3 @@ def test_the_films_have_the_best_rate_that_takes_at_most_70_percent(tracked_per_
     assert chosen.rate_hz == rate_hz
     assert (chosen.share > 0.7) == too_slow
     assert ("TOO SLOW: try labanmesh demo --no-pixels" in chosen.text) == too_slow
-
-
-def test_the_choice_is_said_in_one_line():
-    assert FilmRate.within(400.0, 4).text == (
-        "this machine tracks about 400 pictures a second in 4 processes; "
-        "the demo uses 4 x 15 pictures of 320x240 a second (15% of that)"
-    )

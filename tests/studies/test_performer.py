@@ -53,14 +53,6 @@ def test_the_same_seed_gives_the_same_bits_and_another_does_not():
     assert long_take(3) == long_take(3) != long_take(4)
 
 
-def test_the_rate_only_samples_the_same_path():
-    slow, fast = (perform(("1",), ("byebye",), 1, rate, seed=1).recordings[0].positions for rate in (15.0, 30.0))
-    frames = min(len(slow), len(fast[::2]))
-    assert len(fast) == pytest.approx(2 * len(slow), abs=2)
-    # Two sensors' noise, six standard deviations: were the path another, swings would differ by decimetres.
-    assert np.abs(slow[:frames] - fast[::2][:frames]).max() < 0.017
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 2**40))
 def test_recordings_keep_to_anatomy(seed):
