@@ -67,7 +67,7 @@ class StackedWatch(Watch):
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
         self.pass_over(tracks)
-        if tracks.visible.any() and self._left <= 0:
+        if self._left <= 0 and tracks.visible.any():
             self._left = self._hop
             self.classify()
 
