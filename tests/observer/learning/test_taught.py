@@ -22,7 +22,7 @@ from studies.stream import judge_streams
 
 LABELS = ("ok", "shake")
 PX = 213.0
-SOFA = TracksCamera("sofa", (640, 480))
+SOFA = TracksCamera("sofa")
 
 
 def in_px(archive):
