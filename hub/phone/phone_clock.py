@@ -54,6 +54,8 @@ class PhoneClock:
         if best is None:
             self.dropped += 1
             return None
+        if self._newest_ns > now_ns:
+            self._newest_ns = 0  # our clock was set back
         at_ns = min(round(phone_ms * MS_NS) - best.skew_ns, now_ns)
         if now_ns - at_ns > LATE_S * SECOND_NS or at_ns <= self._newest_ns:
             self.dropped += 1

@@ -20,8 +20,9 @@ from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.datastructures import Headers
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from hub.phone.phone_messages import MESSAGE_LIMIT, BadPhoneMessage, CameraState, LessonRequest
 from hub.phone.phone_session import Admission, PhoneSession
@@ -136,6 +137,9 @@ class PhoneServer:
     def _enter(self, connection: ServerConnection, session: PhoneSession) -> _Live:
         """Take in the connection of an admitted phone, in place of the one that its observer had."""
         assert session.phone is not None  # noqa: S101 - the first message admits, or ends the connection
+        if connection.state is not State.OPEN:
+            # The page gave it up while it waited here, and may have made the next one already.
+            raise ConnectionClosedError(None, None)
         observer = session.phone.observer
         before = self.live.get(observer)
         live = self.live[observer] = _Live(connection, session, heard_s=time.monotonic())

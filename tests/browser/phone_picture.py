@@ -29,21 +29,22 @@ def landmarks():
     return rows
 
 
-def drawn_model(rows):
+def drawn_model(rows, busy_ms=0):
     """In place of the pose model: it finds these landmarks in every picture; nobody for none."""
     people = json.dumps({"landmarks": [rows] if rows else []})
     return (
         "export class PoseLandmarker { static async createFromOptions() { return new PoseLandmarker(); }"
-        f" detectForVideo() {{ return {people}; }} close() {{}} }}"
+        f" detectForVideo() {{ const end = performance.now() + {busy_ms}; while (performance.now() < end);"
+        f" return {people}; }} close() {{}} }}"
     ).encode()
 
 
-def open_phone(browser, words, rows=None, refusal="", **look):
+def open_phone(browser, words, rows=None, refusal="", busy_ms=0, **look):
     """The page, which sees the drawn person, or the landmarks `rows`, and gets these words of its server.
 
-    refusal: with what the server ends the connection instead.
+    refusal: with what the server ends the connection instead. busy_ms: how long the model needs for a picture.
     """
-    files = {"vision_bundle.mjs": drawn_model(landmarks() if rows is None else rows)}
+    files = {"vision_bundle.mjs": drawn_model(landmarks() if rows is None else rows, busy_ms)}
     pages = StaticPages(files, b"", {"scene": "dojo", "fingerprint": ""})
     page = browser.new_page(**look, bypass_csp=True, ignore_https_errors=True)
 

@@ -58,3 +58,9 @@ def test_what_to_do_next_is_on_the_first_screen(browser, tmp_path, name, what):
         assert page.inner_text("#fault") == refusal
     page.close()
     print("screenshots:", tmp_path)
+
+
+def test_a_phone_that_is_too_slow_says_so(browser):
+    page = open_phone(browser, WORDS, busy_ms=900)
+    page.locator("#fault", has_text="this phone needs a second for a picture").wait_for(timeout=60_000)
+    page.close()

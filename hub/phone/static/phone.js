@@ -15,7 +15,8 @@ let [pose, small, loading] = [null, false, false];
 let [facing, paused, stream, looks, reportedMs] = [localStorage.getItem(FACING) ?? "user", false, null, 0, 0];
 let [lastMs, lockedScreen, fault, words, line] = [0, null, "", null, "starting"];
 let teaching = null;
-const faults = { connection: "", camera: "", model: "" };
+const faults = { connection: "", camera: "", model: "", speed: "" };
+const TOO_SLOW = "this phone needs a second for a picture, so that its tracks come too late: close other pages, or use another phone";
 
 function showFault(of, text) {
   faults[of] = text;
@@ -121,6 +122,7 @@ function look(now, picture) {
   const parts = partsOf(landmarks, video.videoWidth, video.videoHeight);
   pace.note(parts, atMs, performance.now() - began);
   placing.note(parts, atMs);
+  showFault("speed", pace.isTooSlow && small && !loading ? TOO_SLOW : "");
   connection.send({ at_ms: Math.abs(atMs - taken) < 500 ? Math.min(taken, atMs) : atMs, parts });
   draw(canvas, video, parts);
   looks += 1;

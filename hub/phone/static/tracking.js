@@ -14,6 +14,7 @@ const CALM_MS = 2000;
 const FAST_MS = 1000 / 20;
 const CALM_EVERY_MS = 1000 / 6; // less than 6 Hz makes verdicts late
 const SLOW_MS = 90; // a look that takes longer gets the smaller model
+const TOO_SLOW_MS = 800; // and with the way the tracks are a second old, after which they are dropped
 const LOOKS = 12;
 
 export async function loadPose(small) {
@@ -97,8 +98,15 @@ export class Pace {
   }
 
   get isSlow() {
-    const sorted = [...this.#times].sort((a, b) => a - b);
-    return sorted.length === LOOKS && sorted[LOOKS / 2] > SLOW_MS;
+    return this.#medianMs > SLOW_MS;
+  }
+
+  get isTooSlow() {
+    return this.#medianMs > TOO_SLOW_MS;
+  }
+
+  get #medianMs() {
+    return this.#times.length === LOOKS ? [...this.#times].sort((a, b) => a - b)[LOOKS / 2] : 0;
   }
 
   forgetTimes() {

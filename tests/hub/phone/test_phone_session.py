@@ -107,3 +107,30 @@ def test_what_is_asked_of_the_lesson_is_passed_on_for_admitted_phones_alone(admi
     assert admitted.send(lesson={"ask": "stop", "lesson": "5b1c"}).lesson.lesson == "5b1c"
     with pytest.raises(RefusedError, match="first message"):
         Stage().send(lesson={"ask": "look"})
+
+
+def test_through_an_hour_of_set_clocks_drift_and_pauses_tracks_stop_for_no_longer_than_what_stops_them(admitted):
+    """The page sends two tracks a second and answers a question for its clock each second. Our clock is set, the
+    phone's drifts by 150 ppm, the line stops, and the page is hidden for minutes."""
+    start_ns, session = admitted.ns, admitted.session
+    sets_s = {600: -60.0, 1200: 60.0, 1800: -0.3, 2400: 0.3, 3000: -3600.0}
+    pauses_s = {300: 3.0, 900: 30.0, 1500: 200.0}
+    true_s, number, gaps, last_s = 0.0, None, [], 0.0
+    while true_s < 3600:
+        second, half = divmod(round(true_s * 2), 2)
+        if half == 0:
+            admitted.ns += round(sets_s.get(second, 0.0) * 1e9)
+            number = session.question()["clock"]
+        paused_s = pauses_s.get(second, 0.0) if half else 0.0
+        at_ms = start_ns / MS + 1000 * true_s * (1 + 150e-6)
+        admitted.ns += round((0.5 + paused_s) * 1e9)
+        true_s, last_s = true_s + 0.5 + paused_s, last_s + paused_s
+        if half == 0:
+            # The page answers between two looks, after up to half a second.
+            admitted.send(clock={"number": number, "now_ms": at_ms + 60})
+        if admitted.tracks(at_ms, {"head": None}).line is not None:
+            gaps.append((true_s - last_s, second))
+            last_s = true_s
+    gaps.append((true_s - last_s, 3600))
+    assert max(gaps) < (2.5, 0), sorted(gaps)[-5:]
+    assert len(gaps) > 0.99 * (3600 - sum(pauses_s.values())) * 2
