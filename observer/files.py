@@ -1,4 +1,4 @@
-"""Writes whole files, atomically or directly into a device such as /dev/null; files of named arrays (.npz)."""
+"""Writes whole files, atomically or directly into a device such as /dev/null; files of named arrays (.npz); TOML."""
 
 import os
 import stat
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError, reason_of
-from common.files import replace_file
+from common.files import read_toml, replace_file
 
 OTHER_PATH = "Choose another path with -o"
 SHARED, PRIVATE = 0o666, 0o600
@@ -39,6 +39,16 @@ def write_file(path: Path, content: bytes | memoryview, way_out: str = OTHER_PAT
         wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
         kind = BadInput if wrong_path else LabanmeshError
         raise kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from error
+
+
+def toml_of(path: Path, expected: str) -> dict[str, Any]:
+    """The table in a TOML file; raises BadInput naming the file, the reason and what is expected."""
+    try:
+        return read_toml(path)
+    except OSError as error:
+        raise BadInput(f"cannot read {path}: {error.strerror}; {expected}") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: not a TOML file: {error}; {expected}") from None
 
 
 def remove_file(path: Path) -> None:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
-from common.files import read_toml
 from observer.camera.files import PICTURES, PictureFolder, Video
+from observer.files import toml_of
 from observer.geometry.projection import Floats
 
 BOARD_FORMS = (
@@ -117,16 +117,13 @@ def read_board(text: str) -> Board:
     if not text.strip().endswith(".toml"):
         return parse_chessboard(text)
     path = Path(text.strip())
+    table = toml_of(path, f"known boards: {BOARD_FORMS}")
     try:
-        keys = _BoardFileKeys.model_validate(read_toml(path))
-    except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror}; known boards: {BOARD_FORMS}") from None
+        keys = _BoardFileKeys.model_validate(table)
     except ValidationError as error:
         first = error.errors()[0]
         key, names = ".".join(map(str, first["loc"])), ", ".join(_BoardFileKeys.model_fields)
         raise BadInput(f"{path}: {key}: {first['msg']}; the keys of a ChArUco file: {names}") from None
-    except ValueError as error:
-        raise BadInput(f"{path}: not a TOML file: {error}; known boards: {BOARD_FORMS}") from None
     square = _square_cm(path, keys) / 100
     marker = square * keys.aruco_scale
     return Charuco(keys.columns, keys.rows, square, marker, keys.dictionary, keys.inverted, keys.legacy_pattern)

@@ -9,10 +9,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from common.errors import BadInput
-from common.files import read_text, read_toml
+from common.files import read_text
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
-from observer.files import write_file
+from observer.files import toml_of, write_file
 from observer.geometry.projection import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, Floats, check_intrinsic_matrix
 
 NEEDED_KEYS = "matrix, rotation, translation"
@@ -26,14 +26,7 @@ def read_opencv(path: Path) -> list[CalibratedCamera]:
     matrix 3x3, distortions (or dist, distortion), rotation as Rodrigues vector or 3x3, translation in metres, size.
     Raises BadInput naming file, camera and key.
     """
-    try:
-        keys = read_toml(path)
-    except OSError as error:
-        raise BadInput(
-            f"cannot read {path}: {error.strerror}; an OpenCV-style TOML file of cameras is expected"
-        ) from None
-    except ValueError as error:
-        raise BadInput(f"{path}: not a TOML file: {error}; an OpenCV-style TOML file of cameras is expected") from None
+    keys = toml_of(path, "an OpenCV-style TOML file of cameras is expected")
     tables = keys["cameras"] if isinstance(keys.get("cameras"), dict) else keys
     cameras = [
         _opencv_camera(

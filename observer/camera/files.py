@@ -127,10 +127,6 @@ class PictureFolder:
         """Number of pictures."""
         return len(self.files)
 
-    def pictures(self) -> Iterator[Picture]:
-        """All pictures; raises as `played` does."""
-        return (each.picture for each in self.played())
-
     def played(self, skips: Skips = none_skipped) -> Iterator[PictureOfMany]:
         """The pictures, each read when it is played; BadInput for one that cannot be read or has another size."""
         for number, file in enumerate(self.files):

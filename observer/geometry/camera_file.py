@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
-from common.files import parse_toml, read_toml
+from common.files import parse_toml
 from common.text import plural
-from observer.files import write_file
+from observer.files import toml_of, write_file
 from observer.geometry.projection import (
     DISTORTION_SIZES,
     DISTORTION_SIZES_TEXT,
@@ -44,14 +44,7 @@ class CameraModel:
 
 def read_camera(path: Path) -> CameraModel:
     """The camera in a file; raises BadInput naming file and key when it is unreadable or not a camera."""
-    try:
-        keys = read_toml(path)
-    except OSError as error:
-        way_out = "labanmesh camera calibrate writes camera files"
-        raise BadInput(f"cannot read {path}: {error.strerror}; {way_out}") from None
-    except ValueError as error:
-        raise BadInput(f"{path}: not a TOML file: {error}; labanmesh camera calibrate writes camera files") from None
-    return _checked(path, keys)
+    return _checked(path, toml_of(path, "labanmesh camera calibrate writes camera files"))
 
 
 def write_camera(path: Path, camera: CameraModel) -> None:
