@@ -14,13 +14,13 @@ from common import SECOND_NS
 from common.config import read_scene
 from common.parallel import run_parts
 from common.wire import encode
-from observer.camera.base import Size
+from observer.camera.base import Picture, Size
+from observer.camera.files import write_film
 from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
 from observer.motion.even_rate import Resampler
 from observer.motion.playback import RecordedMotion
-from observer.preview.film import Film
 from observer.preview.sight import Sighting
 from observer.preview.small_picture import STATE_COLOUR, small_picture, write_line
 from observer.rendering.scenery import Scenery
@@ -115,19 +115,17 @@ def _film(corner: FilmedCorner, scene_file: Path, folder: Path, cameras: int) ->
     """Measure on the first seconds, meet the others, and film the whole at the rate that follows from all results."""
     begin, result = (StartBarrier(folder / meeting, corner.name) for meeting in MEETINGS)
     sample = corner.stream.positions[: round(SAMPLE_S * corner.stream.rate_hz)]
-    _write_film(replace(corner, stream=replace(corner.stream, positions=sample, spans=())), RATES_HZ[0])
+    _write_corner(replace(corner, stream=replace(corner.stream, positions=sample, spans=())), RATES_HZ[0])
     (folder / f"{corner.name}.measured").write_text(str(_tracked_per_s(corner.name, scene_file, begin)))
     result(threading.Event())
     rate = FilmRate.within(sum(float(file.read_text()) for file in folder.glob("*.measured")), cameras)
-    _write_film(corner, rate.rate_hz)
+    _write_corner(corner, rate.rate_hz)
     return rate
 
 
-def _write_film(corner: FilmedCorner, rate_hz: float) -> None:
-    film = Film(corner.file, rate_hz, FILM_SIZE_PX)
-    for frame in replace(corner, stream=resample(corner.stream, rate_hz)).frames():
-        film.draw(frame.content)
-    film.close()
+def _write_corner(corner: FilmedCorner, rate_hz: float) -> None:
+    frames = replace(corner, stream=resample(corner.stream, rate_hz)).frames()
+    write_film(corner.file, rate_hz, FILM_SIZE_PX, (frame.content for frame in frames))
 
 
 def _tracked_per_s(name: str, scene_file: Path, begin: StartBarrier) -> float:
@@ -154,17 +152,20 @@ def _tracked_per_s(name: str, scene_file: Path, begin: StartBarrier) -> float:
 def film_tracks(scene_file: Path, name: str, file: Path, progress: Progress) -> None:
     """Make a film of what an observer sees in its own film: the tracks, and its belief."""
     observer, inputs = _observing(scene_file, name)
-    film, parts = Film(file, inputs.source.rate_hz, FILM_SIZE_PX), inputs.tracker.every_part
-    for n, frame in enumerate(inputs.source.frames(threading.Event()), 1):
-        posterior = observer.step(frame)
-        tracks = inputs.tracker.all_tracks or Tracks(np.full((len(parts), 2), np.nan))
-        picture = small_picture(Sighting(frame.content, tracks, parts, frame.captured_ns), max(FILM_SIZE_PX))
-        best = int(posterior.p.argmax())
-        belief = f"{observer.vocabulary.labels[best]} {posterior.p[best]:.0%}, at rest {posterior.rest:.0%}"
-        write_line(picture, len(parts) + 1, belief, STATE_COLOUR[State.SEEN])
-        film.draw(picture)
-        progress(f"drawing what {name} saw", n, getattr(inputs.source, "count", n))
-    film.close()
+    parts = inputs.tracker.every_part
+
+    def pictures() -> Iterator[Picture]:
+        for n, frame in enumerate(inputs.source.frames(threading.Event()), 1):
+            posterior = observer.step(frame)
+            tracks = inputs.tracker.all_tracks or Tracks(np.full((len(parts), 2), np.nan))
+            picture = small_picture(Sighting(frame.content, tracks, parts, frame.captured_ns), max(FILM_SIZE_PX))
+            best = int(posterior.p.argmax())
+            belief = f"{observer.vocabulary.labels[best]} {posterior.p[best]:.0%}, at rest {posterior.rest:.0%}"
+            write_line(picture, len(parts) + 1, belief, STATE_COLOUR[State.SEEN])
+            yield picture
+            progress(f"drawing what {name} saw", n, getattr(inputs.source, "count", n))
+
+    write_film(file, inputs.source.rate_hz, FILM_SIZE_PX, pictures())
 
 
 def _observing(scene_file: Path, name: str, loop: bool = False) -> tuple[Observer, ObserverInputs]:

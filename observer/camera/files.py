@@ -5,7 +5,7 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -153,6 +153,19 @@ def read_picture(file: Path) -> Picture:
 def write_picture(path: Path, picture: Picture) -> None:
     """Write in the format of the suffix, atomically; raises LabanmeshError when the file cannot be written."""
     write_file(path, cv2.imencode(path.suffix, picture)[1].tobytes())
+
+
+def write_film(path: Path, rate_hz: float, size_px: Size, pictures: Iterable[Picture]) -> None:
+    """Write pictures of one size as .mp4; an earlier film is replaced when this one is complete. May raise BadInput."""
+    part, codec = path.with_name(f"{path.stem}.part{path.suffix}"), cv2.VideoWriter.fourcc(*"mp4v")
+    silence_opencv()
+    writer = cv2.VideoWriter(str(part.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, size_px)
+    if not writer.isOpened():
+        raise BadInput(f"cannot write {path}, or this OpenCV makes no such film at {rate_hz:g} Hz")
+    for picture in pictures:
+        writer.write(picture)
+    writer.release()
+    part.replace(path)
 
 
 def require_size(file: Path, picture: Picture, size_px: Size, like: str = "its first picture") -> None:

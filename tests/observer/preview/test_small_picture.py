@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from observer_stage import rejected
 
-from observer.camera.files import Video
-from observer.preview.film import Film
 from observer.preview.sight import MotionExtent, Sighting
 from observer.preview.small_picture import (
     DOT_PX,
@@ -117,19 +114,3 @@ def test_colours_of_states_differ_in_grey():
     colours = np.array([[STATE_COLOUR[state] for state in State]], np.uint8)
     grey = np.sort(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY).ravel().astype(int))
     assert np.diff(grey).min() > 25
-
-
-def test_a_film_has_all_pictures_and_replaces_another_when_it_is_complete(tmp_path):
-    path = tmp_path / "a.mp4"
-    path.write_bytes(b"earlier")
-    film = Film(path, 10.0, (640, 480))
-    for level in range(0, 240, 20):
-        film.draw(np.full((480, 640, 3), level, np.uint8))
-    assert path.read_bytes() == b"earlier"
-    film.close()
-    assert [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
-    video = Video.open(path)
-    levels = [float(np.median(picture)) for picture in video.pictures()]
-    assert video.rate_hz == pytest.approx(10.0) and np.abs(np.diff(levels) - 20).max() < 6 and len(levels) == 12
-    with rejected("cannot write"):
-        Film(tmp_path / "none" / "a.mp4", 10.0, (640, 480))
