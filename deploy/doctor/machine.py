@@ -4,8 +4,7 @@ import ctypes
 import platform
 import re
 import shutil
-import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
@@ -31,40 +30,22 @@ CASCADE = "haarcascade_frontalface_alt2.xml"
 """The one that trackers and `labanmesh camera look` use."""
 UNSYNCHRONISED_US = 16_000_000
 """With this maximum error the kernel's clock counts as unsynchronised; timedatectl uses the same limit."""
-REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?\s*(?P<bounds>[^;]*?)\s*(;\s*(?P<marker>.*))?\Z")
-BOUND = re.compile(r"(<=|>=|==|!=|<|>)\s*([\d.]+)")
-EXTRA = re.compile(r"""extra\s*==\s*["']([\w-]+)["']""")
-PYTHON = re.compile(r"""python_version\s*(<=|>=|==|!=|<|>)\s*["']([\d.]+)["']""")
-
-
-@dataclass(frozen=True, slots=True)
-class Package:
-    """A distribution that may be installed. version: "" where it is not. fits: the version is within `bounds`."""
-
-    name: str
-    version: str
-    bounds: str = ""
-    fits: bool = True
-
-    @property
-    def misfit(self) -> str:
-        """That its version is not one that labanmesh is tested with."""
-        return f"{self.name} {self.version}: labanmesh is tested with {self.bounds}"
 
 
 @dataclass(frozen=True, slots=True)
 class MachineFacts:
-    """The facts of this machine. packages: those of the plain install. free_*: None where it cannot be told.
+    """The facts of this machine. A version is "" where there is none. packages: those of the plain install.
 
-    face_cascade: whether the installed OpenCV has one. folder: the one whose disk was measured.
+    free_*: None where it cannot be told. face_cascade: whether the installed OpenCV has one.
+    folder: the one whose disk was measured.
     """
 
     system: str
     python: str
     labanmesh: str
-    packages: Sequence[Package]
-    opencv: Package
-    mediapipe: Package
+    packages: Mapping[str, str]
+    opencv: str
+    mediapipe: str
     face_cascade: bool
     clock: ClockState
     free_disk: int | None
@@ -88,16 +69,15 @@ class MachineNeeds:
 
 def machine_facts(folder: Path) -> MachineFacts:
     """This machine's facts; the free disk space is that of `folder`'s disk."""
-    lines = requires("labanmesh") if installed_version("labanmesh") else None
-    required = list(requirements(lines or (), f"{sys.version_info.major}.{sys.version_info.minor}"))
-    bounds = {name: within for name, within, _ in required}
+    lines = (installed_version("labanmesh") and requires("labanmesh")) or []
+    plain = [re.split(r"[^\w.-]", line)[0] for line in lines if "extra ==" not in line]
     return MachineFacts(
         system=f"{platform.system()} {platform.machine()}",
         python=platform.python_version(),
         labanmesh=installed_version("labanmesh") or "(not installed)",
-        packages=tuple(_package(name, within) for name, within, extra in required if not extra),
-        opencv=_package("OpenCV", bounds.get(OPENCV[0], ""), OPENCV),
-        mediapipe=_package("mediapipe", bounds.get("mediapipe", "")),
+        packages={name: installed_version(name) for name in plain},
+        opencv=next(filter(None, map(installed_version, OPENCV)), ""),
+        mediapipe=installed_version("mediapipe"),
         face_cascade=_has_cascade(),
         clock=clock_state(),
         free_disk=_free_disk(folder),
@@ -125,43 +105,6 @@ def clock_state() -> ClockState:
     if result >= 0:
         return "synchronised" if timex[3] < UNSYNCHRONISED_US else "free"
     return "unknown"
-
-
-def requirements(lines: Iterable[str], python: str) -> Iterator[tuple[str, str, str]]:
-    """The requirements in a distribution's metadata for this `python` ("3.11"), labanmesh itself left out.
-
-    Of each its name, its bounds ("<2,>=1.6"), and its extra, "" for the plain install.
-    """
-    for line in lines:
-        match = REQUIREMENT.match(line.strip())
-        if match is None or match["name"] == "labanmesh":
-            continue
-        marker = match["marker"] or ""
-        extra = EXTRA.search(marker)
-        if all(_holds(python, *bound) for bound in PYTHON.findall(marker)):
-            yield match["name"], match["bounds"], extra[1] if extra else ""
-
-
-def fits(installed: str, bounds: str) -> bool:
-    """Whether the numbers of a version are within `bounds`; a suffix of it (rc1, +local) does not count."""
-    return all(_holds(installed, *bound) for bound in BOUND.findall(bounds))
-
-
-def _holds(installed: str, relation: str, limit: str) -> bool:
-    a, b = _numbers(installed), _numbers(limit)
-    return {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b, "==": a == b, "!=": a != b}[relation]
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """The numbers at the beginning of a version, without zeros at their end: 1.6.0 is 1.6."""
-    match = re.match(r"\d+(\.\d+)*", version)
-    return tuple(map(int, re.sub(r"(\.0+)+\Z", "", match[0]).split("."))) if match else ()
-
-
-def _package(name: str, bounds: str, distributions: Sequence[str] = ()) -> Package:
-    """A package by whichever of the names of `distributions` it is installed, by default its own."""
-    installed = next(filter(None, map(installed_version, distributions or (name,))), "")
-    return Package(name, installed, bounds, not installed or fits(installed, bounds))
 
 
 def _has_cascade() -> bool:
@@ -203,9 +146,12 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
     certain: they run on this machine; else they may be meant for another, and a missing package is no error.
     """
     lacking: Mark = "error" if certain else "warning"
+    versions = {"labanmesh": facts.labanmesh, "Python": facts.python, **facts.packages}
+    present = ", ".join(f"{name} {installed}" for name, installed in versions.items() if installed)
+    missing = (f"{name} is not installed" for name, installed in facts.packages.items() if not installed)
     return [
-        ok(f"labanmesh {facts.labanmesh}, Python {facts.python}, {facts.system}"),
-        *_packages(facts.packages),
+        ok(f"{present}; {facts.system}"),
+        *(error(what, "pip install labanmesh") for what in missing),
         *_opencv(facts, needs, lacking),
         *_mediapipe(facts.mediapipe, needs, lacking),
         _clock(facts.clock, needs.other_clocks),
@@ -213,48 +159,33 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
     ]
 
 
-def _packages(packages: Sequence[Package]) -> Iterator[Finding]:
-    good = [f"{package.name} {package.version}" for package in packages if package.version and package.fits]
-    if good:
-        yield ok(", ".join(good))
-    for package in packages:
-        if not (package.version and package.fits):
-            what = package.misfit if package.version else f"{package.name} is not installed"
-            yield error(what, f"pip install '{package.name}{package.bounds}'")
-
-
 def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
-    package = facts.opencv
-    if not package.version:
+    if not facts.opencv:
         if needs.opencv:
             what = f"OpenCV is not installed; needed by {', '.join(needs.opencv)}"
             yield Finding(lacking, what, INSTALL_OBSERVER)
         else:
             yield ok("OpenCV is not installed, and not needed here")
         return
-    if not package.fits:
-        yield warning(package.misfit, INSTALL_OBSERVER)
-    elif facts.face_cascade or not needs.cascade:
-        yield ok(f"OpenCV {package.version}{', with a face cascade' * facts.face_cascade}")
+    if facts.face_cascade or not needs.cascade:
+        yield ok(f"OpenCV {facts.opencv}{', with a face cascade' * facts.face_cascade}")
     if needs.cascade and not facts.face_cascade:
         observers = ", ".join(needs.cascade)
-        what = f"OpenCV {package.version} has no face cascade; camshift of {observers} learns skin colour with it"
+        what = f"OpenCV {facts.opencv} has no face cascade; camshift of {observers} learns skin colour with it"
         to_do = "pip install 'opencv-python-headless>=4.11,<5', or name a saved histogram (skin) in the scene file"
         yield Finding(lacking, what, to_do)
 
 
-def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
+def _mediapipe(installed: str, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
     if not needs.mediapipe:
         return
-    if not package.version:
+    if not installed:
         what = f"mediapipe is not installed; needed by {', '.join(needs.mediapipe)}"
         yield Finding(lacking, what, INSTALL_MEDIAPIPE)
-    elif not package.fits:
-        yield warning(package.misfit, INSTALL_MEDIAPIPE)
     else:
-        yield ok(f"mediapipe {package.version}")
-    if package.version and needs.carried_model and not package.version.startswith("0.10.21"):
-        what = f"mediapipe {package.version} brings no pose model; needed by {', '.join(needs.carried_model)}"
+        yield ok(f"mediapipe {installed}")
+    if installed and needs.carried_model and not installed.startswith("0.10.21"):
+        what = f"mediapipe {installed} brings no pose model; needed by {', '.join(needs.carried_model)}"
         yield Finding(lacking, what, "name a pose landmarker .task file as pose_model in the scene file")
 
 
