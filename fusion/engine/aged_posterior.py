@@ -60,11 +60,14 @@ class ObserverClock:
 
     def captured_ns(self, message: PosteriorMessage, now_ns: int) -> int:
         """The capture time of a message that arrived at `now_ns`: not later, and not after it was sent."""
-        captured_ns, sent_ns = min(message.captured_ns, message.sent_ns), message.sent_ns
+        captured_ns, sent_ns = message.captured_ns, message.sent_ns
+        if captured_ns > sent_ns:
+            captured_ns = sent_ns
         latest_ns = now_ns - (sent_ns - captured_ns)
         if self.doubtful or (sent_ns <= self.sent_ns and self._precedes(message)):
             return latest_ns
-        return min(captured_ns - self.correction_ns, latest_ns)
+        captured_ns -= self.correction_ns
+        return captured_ns if captured_ns < latest_ns else latest_ns
 
     def record_message(self, message: PosteriorMessage) -> None:
         """Remember the stamps of a message that was used, to compare the next one's with."""

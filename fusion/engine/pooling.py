@@ -237,7 +237,10 @@ def _result(
     total = float(np.add.reduce(movements))
     # If something else is certain, nothing is known about the movements.
     rows[-1] = p = movements / total if total > 0 else uniform(len(movements))
-    return PooledPosterior(p, weights, min(unlearned, *_without_unproven(case, pooled)), facing, rows)
+    if unlearned * len(answers) > 1.0:
+        # Below its prior nobody claims something else.
+        unlearned = min(unlearned, *_without_unproven(case, pooled))
+    return PooledPosterior(p, weights, unlearned, facing, rows)
 
 
 def _without_unproven(case: PoolingCase, pooled: RuleResult) -> list[float]:
