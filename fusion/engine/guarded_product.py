@@ -38,8 +38,6 @@ LEAST_SIZE = np.array(1e-12)
 """Nats; a posterior whose log ratios to the prior add up to less carries no information."""
 MOST_FINITE = 16
 """The product of the likelihoods of more observers may overflow."""
-BAYES_FACTOR_LIMIT = 1e150
-"""Its square is finite."""
 NATS_TO_BITS = 1.0 / math.log(2.0)
 ZERO, ONE, D0_SQUARED, TINY, EXPONENT = map(np.array, (0.0, 1.0, PARTICIPATION_BITS**2, SMALLEST, GAMMA - 1.0))
 TO_EXPONENT = -2.0 / SIMILARITY_SCALE
@@ -121,18 +119,19 @@ def _posterior_odds(bits: list[float], z: list[float], trust: list[float] | None
     """P(h) of the H hypotheses of one scene."""
     if len(z) == 1:
         return [1.0]
-    z_none_wrong, participants, doubts = max(z[0], SMALLEST), 0.0, []
+    # Beside the largest one all squares are finite.
+    largest, participants, doubts = max(z), 0.0, []
     for n, (divergence_bits, z_one_wrong) in enumerate(zip(bits, z[1:], strict=True)):
         participation = 1.0 if divergence_bits >= PARTICIPATION_BITS else divergence_bits / PARTICIPATION_BITS
         participants += participation
-        ratio = z_one_wrong / z_none_wrong
-        doubt = participation * (ratio if ratio < BAYES_FACTOR_LIMIT else BAYES_FACTOR_LIMIT) ** BETA
+        doubt = participation * (z_one_wrong / largest) ** BETA
         doubts.append(doubt if trust is None or trust[n] == 1.0 else doubt * odds_of_fault(trust[n]))
     of_three, odds = ODDS_OF_FAULT
     if participants < 4.0:
         odds = of_three * min(max(participants - 2.0, 0.0), 1.0) + (odds - of_three) * max(participants - 3.0, 0.0)
-    none_wrong = 1.0 / (1.0 + odds * sum(doubts))
-    return [none_wrong, *[odds * none_wrong * doubt for doubt in doubts]]
+    none_wrong = (z[0] / largest) ** BETA
+    total = none_wrong + odds * sum(doubts)
+    return [none_wrong / total, *[odds * doubt / total for doubt in doubts]]
 
 
 # NumPy begins twice as fast with the product of two matrices (`dot`) as with many.

@@ -1,12 +1,9 @@
 """Fusion rules: the posteriors of N observers -> one pooled posterior. Each rule has a name in RULES. Pure.
 
-Shapes: p (N, M) posteriors, one row per observer, each summing to 1; prior (M,), positive; result: pooled p (M,) and
-weights (N,). No rule depends on the order of observers, and every rule follows a reordering of labels. To add a rule,
-write it in a file of its own and put it into RULES; tests/contracts/test_rules.py then checks these properties.
-
-Each rule has two steps, so that joint posteriors over movement and a second variable (which way the person faces) are
-pooled with the weights of the movements alone: `weigh` turns p into PoolingWeights, `mix` pools cells (N, M, K) by
-them.
+No rule depends on the order of observers, and every rule follows a reordering of labels. To add a rule, put it into
+RULES; tests/contracts/test_rules.py then checks these properties. Each has two steps, `weigh` and `mix` (weighing.py),
+so that joint posteriors over movement and a second variable, which way the person faces, are pooled with the weights of
+the movements alone.
 """
 
 from common.errors import BadInput
