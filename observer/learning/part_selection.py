@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from observer.motion.archive import MotionArchive, Recording, movements_in
+from observer.motion.archive import MotionArchive, movements_in
 from observer.tracks import Floats
 
 SEEN_SHARE = 0.5
@@ -19,17 +19,11 @@ def parts_to_learn(archive: MotionArchive) -> tuple[str, ...]:
     A part that the camera does not see in SEEN_SHARE of every movement, such as a foot behind a sofa, is no evidence,
     and a tracker's guesses of it mislead.
     """
-    takes: dict[str, list[Recording]] = {}
-    for recording in movements_in(archive):
-        if recording.label:
-            takes.setdefault(recording.label, []).append(recording)
-    shares = [np.mean([_visible(take).mean(axis=0) for take in shown], axis=0) for shown in takes.values()]
+    seen: dict[str, list[Floats]] = {}
+    for take in movements_in(archive):
+        if take.label:
+            seen.setdefault(take.label, []).append(np.isfinite(take.positions).all(axis=2).mean(axis=0))
+    shares = [np.mean(own, axis=0) for own in seen.values()]
     least = np.min(shares, axis=0) if shares else np.ones(len(archive.body_parts))
     parts = tuple(part for part, share in zip(archive.body_parts, least, strict=True) if share >= SEEN_SHARE)
     return parts if len(parts) > 1 else archive.body_parts
-
-
-def _visible(take: Recording) -> Floats:
-    """(F, P) 1 where a part is seen, else 0."""
-    visible: Floats = np.isfinite(take.positions).prod(axis=2).astype(np.float64)
-    return visible

@@ -8,7 +8,8 @@ movement in progress is near too; d is the root mean square of the 2 P differenc
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ USUAL_DISTANCE = 0.3
 and Northwestern-UCLA (.39), 15 parts."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class NearestTakes:
     """The takes of the movements. paths: (K, G, 2 P) places since the begin in body sizes, zeros after lengths (K,).
 
@@ -40,12 +41,12 @@ class NearestTakes:
     movements: NDArray[np.int64]
     scales: Floats
     hop: int = 1
-    squares: Floats32 = field(init=False)
-    """(K, G) mean squares of the paths: |x - y|^2 = |x|^2 - 2 x.y + |y|^2, so that a frame costs one product."""
 
-    def __post_init__(self) -> None:
-        squares = np.einsum("kgp,kgp->kg", self.paths, self.paths) / np.float32(self.paths.shape[2])
-        object.__setattr__(self, "squares", squares)
+    @cached_property
+    def squares(self) -> Floats32:
+        """(K, G) mean squares of the paths: |x - y|^2 = |x|^2 - 2 x.y + |y|^2, so that a frame costs one product."""
+        squares: Floats32 = np.einsum("kgp,kgp->kg", self.paths, self.paths) / np.float32(self.paths.shape[2])
+        return squares
 
     @classmethod
     def of(

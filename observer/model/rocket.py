@@ -14,7 +14,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput
 from observer.model.base import Arrays, array_in
 from observer.tracks import Floats32, Integers
 
@@ -37,12 +36,8 @@ CHUNK = 4
 def choose_dilations(length: int, features: int) -> tuple[Integers, Integers]:
     """(D,) dilations for windows of `length` frames, evenly spaced in their logarithm, and (D,) biases per kernel.
 
-    The last dilation lets a kernel span the window at most. Raises BadInput for fewer than 9 frames or 84 features.
+    The last dilation lets a kernel span the window at most. length: at least 9; features: at least 84.
     """
-    if length < TAPS or features < len(KERNELS):
-        raise BadInput(
-            f"length = {length}, features = {features}: at least {TAPS} and at least {len(KERNELS)} are expected"
-        )
     per_kernel = features // len(KERNELS)
     most = min(per_kernel, MOST_DILATIONS)
     spaced = np.logspace(0, np.log2((length - 1) / (TAPS - 1)), most, base=2).astype(np.int64)
@@ -79,14 +74,9 @@ class MiniRocket:
         """From (N, C, n) training windows without NaN; `features` is rounded down to a multiple of 84.
 
         sums (S, C): sums of channels that kernels choose from instead of the channels. Convolutions are linear, so that
-        this costs nothing later.
-
-        The same windows and seed give the same transform. Raises BadInput as choose_dilations does, and without a
-        window.
+        this costs nothing later. The same windows and seed give the same transform.
         """
         windows = np.asarray(windows, dtype=np.float32)
-        if windows.ndim != 3 or not windows.size:
-            raise BadInput(f"windows {windows.shape}: at least one window of shape (channels, frames) is expected")
         dilations, counts = choose_dilations(windows.shape[2], features)
         rng = np.random.default_rng(seed)
         sums = np.eye(windows.shape[1], dtype=np.float32) if sums is None else sums
@@ -103,13 +93,7 @@ class MiniRocket:
         return cls(windows.shape[2], dilations, channels, biases)
 
     def transform(self, windows: NDArray[np.floating]) -> Floats32:
-        """(N, C, n) windows without NaN -> (N, features): shares, 0 to 1.
-
-        Raises BadInput for other numbers of channels or frames than were learned.
-        """
-        expected = (self.channels.shape[2], self.length)
-        if windows.ndim != 3 or windows.shape[1:] != expected:
-            raise BadInput(f"windows {windows.shape}: (N, {expected[0]}, {expected[1]}) is expected")
+        """(N, C, n) windows without NaN, as many channels and frames as were learned -> (N, features): 0 to 1."""
         chunks = (windows[begin : begin + CHUNK] for begin in range(0, len(windows), CHUNK))
         counts = [self._counts(chunk).reshape(-1, self.features) for chunk in chunks]
         return np.concatenate(counts, dtype=np.float32) * self._shares

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.errors import BadInput
 from observer.model.rocket import CHUNK, MiniRocket, choose_dilations
 
 LENGTH, CHANNELS = 60, 6
@@ -105,14 +104,3 @@ def test_the_arrays_of_a_model_file_are_the_same_transform():
     rocket = MiniRocket.learn(windows, 700)
     read = MiniRocket.from_arrays(rocket.as_arrays())
     assert read.length == rocket.length and (read.transform(windows) == rocket.transform(windows)).all()
-
-
-def test_bad_windows_are_rejected():
-    rocket = MiniRocket.learn(windows_of(9), 84)
-    with pytest.raises(BadInput, match=r"windows \(1, 5, 60\): \(N, 6, 60\) is expected"):
-        rocket.transform(windows_of(9, 1, 5))
-    with pytest.raises(BadInput, match="at least one window"):
-        MiniRocket.learn(np.empty((0, 6, 60), np.float32), 84)
-    for length, features in ((8, 84), (60, 83)):
-        with pytest.raises(BadInput, match="at least 9 and at least 84"):
-            choose_dilations(length, features)
