@@ -12,7 +12,7 @@ from observer.learning.editing import add_movements, remove_movements
 from observer.learning.examples import gather_background
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.model_file import read_model, write_model
+from observer.model.model_file import read_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from observer.motion.projected import ProjectedTracker, frames_of
@@ -61,14 +61,6 @@ def test_without_recordings_blends_are_something_else(people):
     (shown,) = recordings_of(people, "3", ("lunging",)).recordings
     *_, watch = watching(model, shown, KNOWN)
     assert watch.unlearned.shape == (1,) and watch.unlearned.sum() > 0.5
-
-
-def test_the_file_contains_the_background(model, tmp_path):
-    write_model(tmp_path / "a.model", model)
-    again = read_model(tmp_path / "a.model")
-    assert again.header.background == ELSE
-    for name, array in model.arrays().items():
-        np.testing.assert_array_equal(again.arrays()[name], array)
 
 
 def test_editing_keeps_the_background_except_for_promoted_movements(model, people):

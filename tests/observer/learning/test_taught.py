@@ -91,13 +91,6 @@ def test_examples_by_people_who_will_be_judged_are_left_out_one_by_one(run, file
     assert [model.header.provenance["subjects"] for model in models] == ["1,2", "1,2"]
 
 
-def test_ordinary_life_in_the_same_file_is_something_else(sofa):
-    life = Recording(sofa.recordings[0].positions[::-1].copy(), 15.0, "", "1", "1")
-    with_life = replace(sofa, recordings=(*sofa.recordings, life))
-    model = learn_view(with_life, view_of(sofa, ""), Vocabulary(LABELS), kind="stacked", calibrate=False)
-    assert model.header.background == () and float(model.header.provenance["other_motion_s"]) > 0
-
-
 @pytest.mark.parametrize(
     ("words", "error"),
     [

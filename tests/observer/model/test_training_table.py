@@ -93,25 +93,6 @@ def test_targets_are_distributions_and_a_movement_is_shown_from_a_third_on(examp
             assert examples[one].movement != examples[other].movement and (rows.targets[:, -1] == 1.0).all()
 
 
-def test_rests_keep_the_movement_as_it_is(examples):
-    trace = traces_of(examples)[0]
-    shown = between_rests(trace, 12, 7, np.random.default_rng(0))
-    np.testing.assert_array_equal(shown[12:-7], trace)
-    assert len(shown) == len(trace) + 19 and np.abs(shown[:12] - trace[0]).max() < 0.2
-
-
-def test_a_stream_shows_its_spans_and_else_something_else(examples):
-    tracks = [t for e in examples[:2] for t in (*e.tracks, *e.tracks[-1:] * 20)]
-    first, begin = len(examples[0].tracks), len(examples[0].tracks) + 20
-    spans = (StreamSpan(0, first, 0, "0"), StreamSpan(begin, begin + len(examples[1].tracks), 1, "0"))
-    stream = Stream(tracks, spans, 0, "0", "0")
-    trace = np.zeros((len(tracks), 9), np.float32)
-    (rows,) = rows_of_streams([stream], [trace], 3, RATE_HZ)
-    shown = rows.targets.argmax(axis=1)
-    assert (shown[first // 2 : first] == 0).all() and (shown[first + 3 : begin] == 3).all()
-    assert (shown[begin + 20 : spans[1].end] == 1).all() and (shown[spans[1].end + 3 :] == 3).all()
-
-
 def test_a_segment_does_not_depend_on_where_it_began_nor_on_the_size_that_was_known(examples):
     trace = traces_of(examples)[4]
     moved = trace.copy()
