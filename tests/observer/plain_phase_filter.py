@@ -1,12 +1,6 @@
-"""The Bayes filter over movement, phase and speed, with rest before and after, written down plainly
-(docs/design/model.md): the oracle of `observer/filtering/chain_filter.py:ChainFilter`, which has one speed.
-
-A movement is one or several *chains* of phases: one chain learned on average, or one per training example, whose
-mixture the movement then is. A person at rest enters a chain near its beginning, advances through its phases at one of
-V speeds, and leaves it past the last phase into the rest after that movement.
+"""The Bayes filter over movement and phase, with rest before and after, written down plainly (docs/design/model.md):
+the oracle of `observer/filtering/chain_filter.py:ChainFilter`.
 """
-
-from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,23 +12,8 @@ NEGLIGIBLE = 1e-150
 """Masses below this are set to 0: they decide nothing, and arithmetic with numbers near 1e-308 is slow."""
 
 
-@dataclass(frozen=True)
-class SpeedDynamics(Dynamics):
-    """With V speeds. steps: (V, K). speeds: (V,) P(v) at the start. jitter: (V, V) P(v' | v) from frame to frame."""
-
-    speeds: Floats = field(default_factory=lambda: np.ones(1))
-    jitter: Floats = field(default_factory=lambda: np.ones((1, 1)))
-
-
-def with_speeds(dynamics: Dynamics) -> SpeedDynamics:
-    """The same, with one speed."""
-    if isinstance(dynamics, SpeedDynamics):
-        return dynamics
-    return SpeedDynamics(**{**asdict(dynamics), "steps": dynamics.steps[None]})
-
-
 class PhaseFilter:
-    """P(movement, phase, speed | frames so far).
+    """P(movement, phase | frames so far).
 
     movement_of: (C,) the movement of each chain; phases: Φ of each; prior: (M,) P(M). With `onset_known` the movement
     begins with the first frame; otherwise the person is at rest or, with the probability `under_way`, in any phase.
@@ -43,23 +22,22 @@ class PhaseFilter:
     def __init__(
         self, movement_of: NDArray[np.int64], phases: int, prior: Floats, dynamics: Dynamics, onset_known: bool
     ) -> None:
-        self._movement_of, self._dynamics, self._prior = movement_of, with_speeds(dynamics), prior
-        dynamics = self._dynamics
+        self._movement_of, self._dynamics, self._prior = movement_of, dynamics, prior
         chains = np.bincount(movement_of, minlength=len(prior))
         self._chain_prior = prior[movement_of] / chains[movement_of]
-        self._active = np.zeros((len(dynamics.speeds), len(movement_of), phases))
+        self._active = np.zeros((len(movement_of), phases))
         self._before = 0.0 if onset_known else 1.0 - dynamics.under_way
         self._after = np.zeros(len(prior))
         if onset_known:
             self._enter(1.0)
         else:
-            self._active += dynamics.under_way / phases * dynamics.speeds[:, None, None] * self._chain_prior[:, None]
+            self._active += dynamics.under_way / phases * self._chain_prior[:, None]
         self._begun = not onset_known
 
     @property
     def p(self) -> Floats:
         """(M,) P(M): movements in progress or just ended; the rest before any movement is spread as the prior."""
-        active = np.bincount(self._movement_of, self._active.sum(axis=(0, 2)), minlength=len(self._prior))
+        active = np.bincount(self._movement_of, self._active.sum(axis=1), minlength=len(self._prior))
         mass = active + self._after + self._before * self._prior
         p: Floats = mass / mass.sum()
         return p
@@ -96,8 +74,11 @@ class PhaseFilter:
 
     def _predict(self, forget: float, abandon: float) -> None:
         d = self._dynamics
-        moved = self._active if len(d.speeds) == 1 else np.tensordot(d.jitter.T, self._active, axes=1)
-        self._active, left = _advance(moved, d.steps)
+        moved, left = self._active * d.steps[0], np.zeros(len(self._active))
+        for k, share in enumerate(d.steps[1:], 1):
+            moved[:, k:] += share * self._active[:, :-k]
+            left += share * self._active[:, -k:].sum(axis=1)
+        self._active = moved
         given_up = abandon * self._active.sum()
         self._active *= 1 - abandon
         self._after += np.bincount(self._movement_of, left, minlength=len(self._prior))
@@ -108,9 +89,8 @@ class PhaseFilter:
         self._enter(begun)
 
     def _enter(self, mass: float) -> None:
-        d = self._dynamics
-        entering = mass * d.speeds[:, None, None] * self._chain_prior[:, None] * d.entry
-        self._active[:, :, : len(d.entry)] += entering
+        entry = self._dynamics.entry
+        self._active[:, : len(entry)] += mass * self._chain_prior[:, None] * entry
 
     def _condition(self, log_evidence: Floats, log_rest: float, log_after: Floats) -> None:
         top = max(float(log_evidence.max()), log_rest, float(log_after.max()))
@@ -122,14 +102,3 @@ class PhaseFilter:
         self._active[self._active < NEGLIGIBLE] = 0.0
         self._before /= total
         self._after /= total
-
-
-def _advance(active: Floats, steps: Floats) -> tuple[Floats, Floats]:
-    """(V, C, Φ) and (V, K) -> the mass after one step (V, C, Φ), and the mass that left each chain (C,)."""
-    result = active * steps[:, :1, None]
-    left = np.zeros(active.shape[1])
-    for k in range(1, steps.shape[1]):
-        moved = steps[:, k, None, None] * active
-        result[:, :, k:] += moved[:, :, :-k]
-        left += moved[:, :, -k:].sum(axis=(0, 2))
-    return result, left

@@ -126,17 +126,6 @@ def test_trials_at_one_pole_only_give_even_odds():
     assert model.posterior(made()[0].features)["effort_time"].tolist() == [0.5, 0.5]
 
 
-def test_features_that_depend_on_the_action_count_little():
-    rng = np.random.default_rng(2)
-    levels = np.array(list(itertools.product((-1, 1), repeat=4)) * 3)
-    actions = [action for action in ACTIONS for _ in range(16)]
-    z = rng.normal(0, 0.1, (48, 2))
-    z[:, 0] += np.repeat([-1.0, 0.0, 1.0], 16)
-    covariance = spread(z, levels, actions)
-    np.testing.assert_allclose(covariance[0, 0], UNKNOWN_ACTION * 1.0 + 0.01 + RIDGE, rtol=0.15)
-    np.testing.assert_allclose(covariance[1, 1], 0.01 + RIDGE, rtol=0.4)
-
-
 def test_evidence_that_does_not_generalise_gets_a_low_temperature():
     honest = learn_trials(made(), "door", 30)
     # In every action another pole is shown by the same evidence: what one teaches is wrong in the others.
