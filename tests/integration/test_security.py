@@ -275,6 +275,13 @@ def test_an_empty_register_admits_nobody(scene, authority):
         assert not [reply for reply in session.get(ADMITTED, timeout=0.3) if reply.ok]
 
 
+@pytest.fixture
+def link(mesh):
+    """Opens the link of a certificate's holder, until the test ends; of a hub, unless another role is named."""
+    with ExitStack() as opened:
+        yield lambda certificate, role="hub": opened.enter_context(Link.open(mesh(certificate), role))
+
+
 def test_a_hub_cannot_feign_presence(scene, mesh):
     keys = scene.keys
     with Link.open(mesh("hub.1"), "hub") as hub, Link.open(mesh("fusion.1"), "fusion") as fusion:
@@ -286,87 +293,73 @@ def test_a_hub_cannot_feign_presence(scene, mesh):
         assert presence.wait_for(0, SOON_S)
 
 
-def test_an_observer_cannot_answer_for_another_nor_receive_its_messages(scene, mesh):
+def test_an_observer_cannot_answer_for_another_nor_receive_its_messages(scene, link):
     keys = scene.keys
-    with (
-        Link.open(mesh("cam1.2"), "observer") as cam1,
-        Link.open(mesh("cam2.1"), "observer") as cam2,
-        Link.open(mesh("hub.1"), "hub") as hub,
-    ):
-        cam1.answer(keys.observer_status("cam2"), lambda: b"lie")
-        cam1.answer(keys.judgement, lambda: b"lie")
-        foreign = cam1.inbox(f"{keys.root}/**")
-        cam2.answer(keys.observer_status("cam2"), lambda: b"truth")
-        assert hub.ask(f"{keys.root}/**", SOON_S) == {keys.observer_status("cam2"): b"truth"}
-        inbox = hub.inbox(keys.posterior())
-        publisher = cam2.publisher(keys.posterior("cam2"))
-        assert publisher.wait_for_subscriber(SOON_S)
-        publisher.put(b"posterior")
-        assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"posterior"]
-        assert foreign.take(0.0) == []
+    cam1, cam2, hub = link("cam1.2", "observer"), link("cam2.1", "observer"), link("hub.1")
+    cam1.answer(keys.observer_status("cam2"), lambda: b"lie")
+    cam1.answer(keys.judgement, lambda: b"lie")
+    foreign = cam1.inbox(f"{keys.root}/**")
+    cam2.answer(keys.observer_status("cam2"), lambda: b"truth")
+    assert hub.ask(f"{keys.root}/**", SOON_S) == {keys.observer_status("cam2"): b"truth"}
+    inbox = hub.inbox(keys.posterior())
+    publisher = cam2.publisher(keys.posterior("cam2"))
+    assert publisher.wait_for_subscriber(SOON_S)
+    publisher.put(b"posterior")
+    assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"posterior"]
+    assert foreign.take(0.0) == []
 
 
-def test_nobody_without_the_right_teaches(scene, mesh):
+def test_nobody_without_the_right_teaches(scene, link):
     keys, asked = scene.keys, []
-    with (
-        Link.open(mesh("cam1.2"), "observer") as cam1,
-        Link.open(mesh("cam2.1"), "observer") as cam2,
-        Link.open(mesh("hub.1"), "hub") as hub,
-        Link.open(mesh("fusion.1"), "fusion") as fusion,
-        Link.open(mesh("phone.1"), "hub") as phone,
-    ):
+    cam1, cam2 = link("cam1.2", "observer"), link("cam2.1", "observer")
+    hub, fusion, phone = link("hub.1"), link("fusion.1", "fusion"), link("phone.1")
 
-        def respond(payload):
-            asked.append(payload)
-            return b"done"
+    def respond(payload):
+        asked.append(payload)
+        return b"done"
 
-        def teach(link, key):
-            replies, finished = [], threading.Event()
-            link.request(key, lambda *reply: replies.append(reply), 1.0, finished.set, b"adopt")
-            assert finished.wait(SOON_S)
-            return replies
+    def teach(teacher, key):
+        replies, finished = [], threading.Event()
+        teacher.request(key, lambda *reply: replies.append(reply), 1.0, finished.set, b"adopt")
+        assert finished.wait(SOON_S)
+        return replies
 
-        cam1.answer_requests(keys.teach("cam1"), respond)
-        until(lambda: teach(phone, keys.teach("cam1")))
-        assert set(asked) == {b"adopt"}
-        asked.clear()
-        for link in (hub, fusion, cam2):
-            for key in (keys.teach("cam1"), keys.teach(), f"{keys.root}/**"):
-                assert teach(link, key) == []
-        # With the right, but a wildcard: it changes nothing either.
-        assert teach(phone, keys.teach()) == teach(phone, f"{keys.root}/**") == [] and asked == []
-        cam2.answer_requests(keys.teach("cam1"), lambda _: b"lie")
-        assert teach(phone, keys.teach("cam1")) == [(keys.teach("cam1"), b"done")]
+    cam1.answer_requests(keys.teach("cam1"), respond)
+    until(lambda: teach(phone, keys.teach("cam1")))
+    assert set(asked) == {b"adopt"}
+    asked.clear()
+    for other in (hub, fusion, cam2):
+        for key in (keys.teach("cam1"), keys.teach(), f"{keys.root}/**"):
+            assert teach(other, key) == []
+    # With the right, but a wildcard: it changes nothing either.
+    assert teach(phone, keys.teach()) == teach(phone, f"{keys.root}/**") == [] and asked == []
+    cam2.answer_requests(keys.teach("cam1"), lambda _: b"lie")
+    assert teach(phone, keys.teach("cam1")) == [(keys.teach("cam1"), b"done")]
 
 
-def test_a_hub_without_the_right_gets_no_picture(scene, mesh):
+def test_a_hub_without_the_right_gets_no_picture(scene, link):
     keys = scene.keys
-    with (
-        Link.open(mesh("cam1.2"), "observer") as cam1,
-        Link.open(mesh("cam2.1"), "observer") as cam2,
-        Link.open(mesh("hub.1"), "hub") as hub,
-        Link.open(mesh("fusion.1"), "fusion") as fusion,
-        Link.open(mesh("eyes.1"), "hub") as eyes,
-    ):
-        asked = (keys.picture("cam1"), keys.picture(), "laban/*/observer/*/@picture", f"{keys.root}/**", "**")
-        without = [each.inbox(*asked, remote=True) for each in (hub, fusion, cam2)]
-        publisher, liar = (each.publisher(keys.picture("cam1"), priority="low") for each in (cam1, cam2))
-        assert hub.ask(f"{keys.root}/**", 0.1) == {} and not publisher.has_subscriber
-        wanted, whole = eyes.inbox(keys.picture("cam1")), eyes.inbox(f"{keys.root}/**")
-        assert publisher.wait_for_subscriber(SOON_S)
-        liar.put(b"lie")
-        cam2.ask(keys.fusion_status(), 0.1)
-        # Before the picture, so that the router knows of it once the picture has arrived.
-        verdicts = cam1.inbox(keys.verdict)
-        publisher.put(b"picture")
-        assert [arrival.payload for arrival in wanted.take(SOON_S)] == [b"picture"]
-        verdict = fusion.publisher(keys.verdict)
-        assert verdict.wait_for_subscriber(SOON_S)
-        verdict.put(b"verdict")
-        # A verdict that was sent later has arrived: so would the picture have.
-        assert [arrival.payload for arrival in verdicts.take(SOON_S)] == [b"verdict"]
-        assert [arrival.payload for arrival in whole.take(SOON_S)] == [b"verdict"]
-        assert not [a for inbox in without for a in inbox.take(0.1) if a.payload != b"verdict"]
+    cam1, cam2 = link("cam1.2", "observer"), link("cam2.1", "observer")
+    hub, fusion, eyes = link("hub.1"), link("fusion.1", "fusion"), link("eyes.1")
+    asked = (keys.picture("cam1"), keys.picture(), "laban/*/observer/*/@picture", f"{keys.root}/**", "**")
+    without = [each.inbox(*asked, remote=True) for each in (hub, fusion, cam2)]
+    publisher, liar = (each.publisher(keys.picture("cam1"), priority="low") for each in (cam1, cam2))
+    assert hub.ask(f"{keys.root}/**", 0.1) == {} and not publisher.has_subscriber
+    wanted, whole = eyes.inbox(keys.picture("cam1")), eyes.inbox(f"{keys.root}/**")
+    assert publisher.wait_for_subscriber(SOON_S)
+    liar.put(b"lie")
+    cam2.ask(keys.fusion_status(), 0.1)
+    # Before the picture, so that the router knows of it once the picture has arrived.
+    verdicts = cam1.inbox(keys.verdict)
+    publisher.put(b"picture")
+    assert [arrival.payload for arrival in wanted.take(SOON_S)] == [b"picture"]
+    verdict = fusion.publisher(keys.verdict)
+    assert verdict.wait_for_subscriber(SOON_S)
+    verdict.put(b"verdict")
+    # A verdict that was sent later has arrived: so would the picture have.
+    assert [arrival.payload for arrival in verdicts.take(SOON_S)] == [b"verdict"]
+    assert [arrival.payload for arrival in whole.take(SOON_S)] == [b"verdict"]
+    assert not [a for inbox in without for a in inbox.take(0.1) if a.payload != b"verdict"]
 
 
 class FakeSource:
