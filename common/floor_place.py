@@ -6,6 +6,14 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 FARTHEST_M, WIDEST_M2 = 10_000.0, 1e8
+PERSON_GATE = 9.21
+"""Squared Mahalanobis distance within which two places may be one person's: the 99th percentile of chi² with two
+degrees of freedom (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section
+3.7)."""
+BODY_SPREAD_M = 0.2
+"""Standard deviation of where two cameras see one person, beside what each states: half the width of a body."""
+KEEP = 3.0
+"""Nats by which another person must fit better: odds of 20."""
 _Metres = Annotated[float, Meta(ge=-FARTHEST_M, le=FARTHEST_M)]
 _Metres2 = Annotated[float, Meta(ge=-WIDEST_M2, le=WIDEST_M2)]
 
@@ -25,3 +33,11 @@ class FloorPlace(Struct, frozen=True, kw_only=True, gc=False):
         xx, xz, zz = self.covariance
         if xx <= 0.0 or zz <= 0.0 or xx * zz - xz * xz <= 0.0:
             raise ValueError("the covariance of place is not positive definite")
+
+    def distance(self, other: "FloorPlace") -> float:
+        """Half the squared Mahalanobis distance of another camera's sight, nats."""
+        (x, z), (other_x, other_z) = self.at, other.at
+        spread = 2 * BODY_SPREAD_M**2
+        xx, xz, zz = (own + others for own, others in zip(self.covariance, other.covariance, strict=True))
+        xx, zz, x, z = xx + spread, zz + spread, x - other_x, z - other_z
+        return (zz * x * x - 2 * xz * x * z + xx * z * z) / (xx * zz - xz * xz) / 2

@@ -8,9 +8,10 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, model_validator
 
 from common.errors import BadInput
+from common.floor_place import FloorPlace
 from common.message_types import LABELS_LIMIT, Count, Id, Identifier, Label, Printable, Probability, Time
 from common.messages import Message, MessagePart
 
@@ -41,6 +42,22 @@ Labels = Annotated[list[Label], Field(max_length=LABELS_LIMIT)]
 CountOf = Annotated[dict[Label, Count], Field(max_length=LABELS_LIMIT)]
 
 
+class TaughtPlace(MessagePart):
+    """Where on the floor somebody stands, in the axes of the camera files: x, z in m; covariance xx, xz, zz in m²."""
+
+    at: tuple[FiniteFloat, FiniteFloat]
+    covariance: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+
+    @model_validator(mode="after")
+    def _is_a_place(self) -> "TaughtPlace":
+        FloorPlace(at=self.at, covariance=self.covariance)
+        return self
+
+    def distance(self, other: FloorPlace) -> float:
+        """As of `FloorPlace`."""
+        return FloorPlace(at=self.at, covariance=self.covariance).distance(other)
+
+
 class TeachRequest(Message):
     """A teacher's request to one observer.
 
@@ -58,7 +75,7 @@ class TeachRequest(Message):
     time. `forget` removes the takes of `person`, or of `label`, or `everything` that teaching left; models: also the
     model in force, so that the observer waits to be taught; clips: also the observer's clips of verdicts, of `label` if
     that is given, else all. `earlier` asks for the takes that were set aside, `restore` makes those with the id
-    `earlier` the takes of now.
+    `earlier` the takes of now. place: for `status` and `begin`, where another camera sees the one who is taught.
     """
 
     command: TeachCommand
@@ -77,6 +94,7 @@ class TeachRequest(Message):
     clips: bool = False
     earlier: Id = ""
     references: Labels = Field(default_factory=list)
+    place: TaughtPlace | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +212,7 @@ class TeachReply(Message):
     hands since the observer began to watch for it. doubts: what `check` found. corrected, forgotten: in the answer
     to `correct` and to `forget`, what was done. persons: whose recordings are on its disk,
     SOMEONE among them, and how many of each movement ("": something else). earlier: in the answer to `earlier` and
-    `restore`, the takes that were set aside.
+    `restore`, the takes that were set aside. place: of the one who is taught, if several people may be seen.
     """
 
     state: TeachState
@@ -219,6 +237,7 @@ class TeachReply(Message):
     doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)
     earlier: list[EarlierTakes] = Field(default_factory=list, max_length=EARLIER_LIMIT)
     persons: dict[Person, CountOf] = Field(default_factory=dict, max_length=PERSONS_LIMIT)
+    place: TaughtPlace | None = None
 
 
 def require_person(name: str) -> None:

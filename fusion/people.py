@@ -19,20 +19,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from common import SECOND_NS
-from common.floor_place import FloorPlace
+from common.floor_place import BODY_SPREAD_M, KEEP, PERSON_GATE, FloorPlace
 from common.matching import best_matching
 from common.probability import Floats
 from fusion.person_motion import Motion
 
-PERSON_GATE = 9.21
-"""Squared Mahalanobis distance within which a track may be a person's: the 99th percentile of chi² with two degrees of
-freedom (Bar-Shalom, Li, Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, section 3.7)."""
-BODY_SPREAD_M = 0.2
-"""Standard deviation of where two cameras see one person, beside what each states: half the width of a body."""
 AGREE_S = 0.5
 """Costs are averaged over so long: the errors of a camera's pictures last as long as a step of a person who walks."""
-KEEP = 3.0
-"""Nats by which another matching must be better: odds of 20."""
 TRACK_FRESH_S = 0.4
 """A track that has not been seen for so long is not compared."""
 BEGIN_S, GONE_S = 0.3, 2.0

@@ -23,6 +23,7 @@ from hub.teaching.wording import (
     doubted_by_all,
     has_kept,
     place_of,
+    placeless,
     presence_line,
     take_lines,
     takes_done,
@@ -95,8 +96,15 @@ class Lesson:
 
     def _begin(self) -> Mapping[str, TeachReply]:
         first = self._participants.request("status")
+        if any(reply.side is not None for reply in first.values()):
+            # By now those that were asked know where people stand, and then whom the first of them teaches.
+            for _ in range(2):
+                self._interface.pause(LOOK_S)
+                first = self._participants.request("status")
         for name, reply in first.items():
             self._interface.say(presence_line(name, reply))
+        for name in placeless(first):
+            self._interface.say(f"{name}: does not know where people stand: nobody else may be in view while it learns")
         return self._participants.start(vocabulary_of(self._plan.labels, first, add=self._plan.add))
 
     def _takes_of(self, label: str, done: set[int], wanted: int) -> None:

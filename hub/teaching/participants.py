@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
-from common.teaching_messages import TeachCommand, TeachReply, TeachRequest
+from common.teaching_messages import TaughtPlace, TeachCommand, TeachReply, TeachRequest
 from hub.teaching.interface import Answers, LessonInterface
 
 RETURN_S = 20.0
@@ -37,13 +37,17 @@ class Participants:
     faults: dict[str, str] = field(default_factory=dict)
     blind: set[str] = field(default_factory=set)
     """Observers whose cameras deliver nothing."""
+    place: TaughtPlace | None = None
+    """Where the one stands who is taught, as the first observer that knows it sees them."""
 
     def request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
         """Ask all participants. An observer that does not answer is left out until it answers again.
 
         Raises LabanmeshError if none answers for RETURN_S.
         """
-        answers = self.ask(self._made(command, **fields), self.observers)
+        where = {"place": self.place} if command in ("status", "begin") else {}
+        answers = self.ask(self._made(command, **fields, **where), self.observers)
+        self.place = next((reply.place for reply in answers.replies.values() if reply.place is not None), None)
         for name in answers.silent:
             self.interface.say(f"{name}: no answer any more; the others go on")
         for name, fault in answers.faults.items():

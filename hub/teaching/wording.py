@@ -40,6 +40,13 @@ def presence_line(name: str, reply: TeachReply) -> str:
     return f"{name}: {reply.complaint or 'sees nobody: stand where it sees head and hands'}"
 
 
+def placeless(replies: Mapping[str, TeachReply]) -> list[str]:
+    """The observers that may learn from another person than the others: they do not know where those stand."""
+    if len(replies) == 1 or all(reply.side is None for reply in replies.values()):
+        return []
+    return [name for name, reply in replies.items() if reply.visible and reply.place is None]
+
+
 def step_line(step: Step) -> str:
     """What happens now, for a terminal; "" for what it does not show."""
     title = f"test: {step.label}" if step.is_test else f"{step.label} {step.number} of {step.of}"

@@ -118,9 +118,13 @@ class PeopleObserver:
     def _posterior(self, person: PersonTracks, frame: Frame) -> Posterior:
         tracker, observer = self._people[person.id]
         tracker.given = person.centres
-        width_px = frame.content.shape[1] if frame.content.dtype == np.uint8 else 0
-        place = self._placer.place(self._tracker.every_part, person, width_px)
+        place = self._placer.place(self._tracker.every_part, person, picture_width(frame))
         return replace(observer.step(frame), person=str(person.id), place=place)
+
+
+def picture_width(frame: Frame) -> int:
+    """In px; 0 for tracks without a picture."""
+    return int(frame.content.shape[1]) if frame.content.dtype == np.uint8 else 0
 
 
 AnyObserver = Observer | PeopleObserver

@@ -13,18 +13,19 @@ from common.config import MODELS_VARIABLE, Scene
 from common.errors import BadInput, LabanmeshError
 from common.message_types import BodyRegionShares
 from common.subsession import SubSession
-from common.teaching_messages import TEACHING_TEXT_LIMIT, TeachReply, TeachRequest
+from common.teaching_messages import TEACHING_TEXT_LIMIT, TaughtPlace, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
 from observer.motion.archive import TracksCamera
 from observer.preview.clip_folder import ClipFolder
 from observer.recording.own_tracks import RECORDING_HZ, TracksRecorder
-from observer.runtime.people_observer import AnyObserver
+from observer.runtime.people_observer import AnyObserver, FloorPlacer, picture_width
 from observer.runtime.pipeline import Posterior
 from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.model_learner import Build, ModelLearner
 from observer.teaching.takes_file import TakesFile
-from observer.teaching.teaching import Teaching
+from observer.teaching.taught_person import TaughtPerson
+from observer.teaching.teaching import TEACHER_S, Teaching
 from observer.tracks import Frame
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class TeachableObserver:
     """An `ObserverLike` whose tracks are remembered, and whose model can be taught and replaced while it runs.
 
     observer: has the model to begin with; None: there is no model yet, and no posterior. file: the scene file, for
-    people.
+    people. placer: tells where people stand.
     """
 
     def __init__(
@@ -52,11 +53,13 @@ class TeachableObserver:
         teaching: Teaching,
         learner: ModelLearner,
         file: str,
+        placer: FloorPlacer,
     ) -> None:
         self._no_model = NO_MODEL.format(file)
         self._tracker, self._observer = inputs.tracker, observer
         self._recorder, self._teaching, self._learner = recorder, teaching, learner
         self._remembered_s = recorder.memory_s
+        self._taught, self._asked_s = TaughtPerson(placer), float("-inf")
         self._lock = threading.Lock()
 
     @property
@@ -91,15 +94,16 @@ class TeachableObserver:
         else:
             self._tracker.update(frame)
         # All that the tracker finds is recorded, whatever the model reads now.
-        tracks = self._tracker.every_track
-        if tracks is None:
-            return posterior
         with self._lock:
             now_s = time.monotonic()
+            is_asked = now_s - self._asked_s < TEACHER_S
+            tracks = self._taught.tracks(self._tracker, picture_width(frame)) if is_asked else self._tracker.every_track
+            if tracks is None:
+                return posterior
             least_s = LESSON_S if self._teaching.is_taught(now_s) else IDLE_S
             self._recorder.memory_s = max(self._remembered_s, least_s)
             self._recorder.update(frame, tracks)
-            self._teaching.step(frame.at_ns, tracks, self._tracker.complaint, now_s)
+            self._teaching.step(frame.at_ns, tracks, self._tracker.complaint or self._taught.complaint, now_s)
         return posterior
 
     def end(self) -> Posterior | None:
@@ -114,7 +118,12 @@ class TeachableObserver:
             return encode(TeachReply(state="idle", fault=f"not understood: {error}"[:TEACHING_TEXT_LIMIT]))
         vocabulary = self.vocabulary
         with self._lock:
-            reply = self._teaching.handle(request, time.monotonic(), vocabulary.labels if vocabulary else ())
+            self._asked_s = time.monotonic()
+            self._taught.expect(request)
+            reply = self._teaching.handle(request, self._asked_s, vocabulary.labels if vocabulary else ())
+            if (place := self._taught.place) is not None:
+                at = TaughtPlace(at=place.at, covariance=place.covariance)
+                reply = reply.model_copy(update={"place": at})
             takes = self._teaching.recorded() if request.command == "check" and not reply.fault else None
         if takes is not None:
             # Without the lock: frames go on meanwhile.
@@ -179,6 +188,8 @@ def teachable(
     scene: Scene, observer_id: str, inputs: "ObserverInputs", observer: AnyObserver | None, build: Build
 ) -> Iterator[TeachableObserver]:
     """The observer that can be taught; its takes lie beside its model file, as ID.tracks.npz."""
+    from observer.runtime.scene_inputs import person_in
+
     model = scene.taught_model(observer_id)
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RECORDING_HZ
     parts = inputs.tracker.every_part
@@ -187,7 +198,8 @@ def teachable(
     learner = ModelLearner(takes.path, model, build, scene_model_of(scene, observer_id))
     teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id), _clips_of(scene, observer_id))
     try:
-        yield TeachableObserver(inputs, observer, recorder, teaching, learner, scene.file)
+        placer = FloorPlacer(inputs.view, person_in(scene, observer_id, inputs.view), alone=len(scene.roster) == 1)
+        yield TeachableObserver(inputs, observer, recorder, teaching, learner, scene.file, placer)
     finally:
         learner.close()
 

@@ -16,6 +16,7 @@ from hub.teaching.correcting import Correction, correct
 from hub.teaching.forgetting import forget
 from hub.teaching.participants import Participants
 from hub.teaching.teaching_client import TeachingClient
+from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
 from observer.runtime.prepared_tracker import PreparedTracker
@@ -49,7 +50,9 @@ def taught(scene, name, mesh, begin_s, ahead_s=0):
     write_archive(path, MotionArchive(BODY_PARTS, tuple(takes), camera=TracksCamera(name)))
     tracker = PreparedTracker(Eyes(), BODY_PARTS)
     judge = SimpleNamespace(vocabulary=Vocabulary(("a", "b")), step=lambda frame: tracker.update(frame) and None)
-    inputs = SimpleNamespace(tracker=tracker, source=SimpleNamespace(rate_hz=30.0), at_own_rate=False)
+    inputs = SimpleNamespace(
+        tracker=tracker, source=SimpleNamespace(rate_hz=30.0), at_own_rate=False, view=parse_view("door")
+    )
     context = teachable(scene, name, inputs, judge, lambda model: judge)
     observer = context.__enter__()
     for n in range(round(begin_s * 15), 20 * 15):

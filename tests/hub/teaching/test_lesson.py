@@ -4,7 +4,7 @@ import pytest
 from fake_interface import FakeInterface
 
 from common.errors import LabanmeshError
-from common.teaching_messages import LearnedReport, TakeDoubt, TakeReport, TeachReply
+from common.teaching_messages import LearnedReport, TakeDoubt, TakeReport, TaughtPlace, TeachReply
 from common.vocabulary import ABSTAIN
 from hub.teaching.interface import GO, Action
 from hub.teaching.lesson import Lesson, LessonPlan
@@ -23,6 +23,7 @@ class Observer:
         self.takes, self.other_s, self.alive, self.learned, self.last = {}, 0.0, True, None, None
         self.fault, self.doubts = "", doubts
         self.visible, self.still, self.claps, self.people, self.side = True, 1.0, 0, 1, None
+        self.place = None
         self.is_recording, self.can_learn, self.returns = False, can_learn, returns
         self.referenced = 5
 
@@ -63,6 +64,7 @@ class Observer:
             state=state, fault=self.fault, pictures=True, visible=self.visible, still=self.still, claps=self.claps,
             doubts=list(self.doubts) if request.command == "check" else [], takes=self.takes, other_s=self.other_s,
             take=self.last, labels=self.labels, learned=self.learned, people=self.people, side=self.side,
+            place=self.place,
         )  # fmt: skip
 
 
@@ -230,6 +232,20 @@ def test_a_lesson_says_whom_it_teaches_where_several_are_seen():
     assert "sofa: sees 2 people and learns from the one on the left" in lines and "shelf: sees somebody" in lines
     whose = "2 people in the picture of sofa, the take is of the one on the left: is the take yours? r makes it again"
     assert lines.count(whose) == 1
+
+
+def test_all_cameras_are_told_where_the_one_stands_who_is_taught():
+    place = TaughtPlace(at=(0.9, 0.0), covariance=(0.04, 0.0, 0.04))
+    sofa, shelf, door = Observer(), Observer(), Observer()
+    sofa.people, sofa.side, sofa.place = 2, "left", place
+    shelf.people, shelf.side, shelf.place = 2, "right", place
+    interface = teach({"sofa": sofa, "shelf": shelf, "door": door})
+    begun = [each for each in interface.asked if each.command == "begin"]
+    assert begun and all(each.place == place for each in begun)
+    assert "door: does not know where people stand: nobody else may be in view while it learns" in interface.lines
+    assert sum("nobody else" in line for line in interface.lines) == 1
+    alone = teach({"sofa": Observer(), "door": Observer()})
+    assert not any("nobody else" in line for line in alone.lines) and not any(each.place for each in alone.asked)
 
 
 def test_a_lesson_waits_for_a_teacher_that_was_killed():

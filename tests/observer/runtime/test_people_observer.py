@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from standing_person import person
 
 from common import SECOND_NS
 from common.messages import PosteriorMessage
@@ -21,8 +22,6 @@ from observer.tracks import WHOLE_BODY, Frame
 
 NAMES = Vocabulary(("bowing", "lunging"))
 CAMERA = View("corner", pinhole_matrix(0.3, 0.3, 4.0, 500.0, (320, 240), (0.0, 0.9, 0.0)), None, (640, 480))
-HEIGHTS = {"head": 1.6, "neck": 1.38, "pelvis": 1.0, "hip": 0.99, "shoulder": 1.33, "elbow": 1.1, "hand": 0.85,
-           "knee": 0.5, "foot": 0.08}  # fmt: skip
 
 
 class Counting:
@@ -40,14 +39,6 @@ class Counting:
 
     def end(self):
         return Posterior(np.array([0.5, 0.5]), 1.0, self.frames, {})
-
-
-def person(x, z):
-    """(15, 3) a person who stands there."""
-    aside = {"left": -0.15, "right": 0.15}
-    return np.array(
-        [[x + aside.get(part.partition("_")[0], 0.0), HEIGHTS[part.rpartition("_")[2]], z] for part in WHOLE_BODY]
-    )
 
 
 class Room:

@@ -16,6 +16,7 @@ from common.config import MODELS_VARIABLE, read_scene
 from common.errors import BadInput
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import decode, encode
+from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive_file import read_archive
 from observer.motion.even_rate import Resampler
@@ -72,7 +73,9 @@ class Room:
 @contextmanager
 def room_of(scene):
     tracker = PreparedTracker(Eyes(), PARTS)
-    inputs = SimpleNamespace(tracker=tracker, source=SimpleNamespace(rate_hz=30.0), at_own_rate=False)
+    inputs = SimpleNamespace(
+        tracker=tracker, source=SimpleNamespace(rate_hz=30.0), at_own_rate=False, view=parse_view("door")
+    )
 
     def build(model):
         return Observer(tracker, model, None, Resampler(model.header.rate_hz))

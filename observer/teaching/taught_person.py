@@ -1,0 +1,65 @@
+"""Which of several people a lesson is of, in one observer, so that all cameras learn from the same one. Pure.
+
+1. Until a teacher says where the one stands who is taught, as another camera sees it, that is the tracker's first one.
+2. From then on it is the one who fits there, for as long as the tracker is sure who that is; then who fits again.
+3. Where nobody fits, or two do, nobody is taught.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from common.floor_place import KEEP, PERSON_GATE, FloorPlace
+from common.teaching_messages import TaughtPlace, TeachRequest
+from observer.runtime.people_observer import FloorPlacer
+from observer.runtime.prepared_tracker import PreparedTracker
+from observer.tracking.person_keeper import seen_people
+from observer.tracks import PersonTracks, Tracks
+
+UNSURE_WHOM = "several people are seen, and it is not sure whom the others teach: step apart, or send one of them away"
+
+
+class TaughtPerson:
+    """place: where the one stands who is taught; None: not known. complaint: why nobody is; "" if all is well."""
+
+    def __init__(self, placer: FloorPlacer) -> None:
+        self._placer = placer
+        self._expected: TaughtPlace | None = None
+        self._id: int | None = None
+        self.place: FloorPlace | None = None
+        self.complaint = ""
+
+    def expect(self, request: TeachRequest) -> None:
+        """Take in what a teacher asks; with each take the person is chosen anew."""
+        if request.command in ("status", "begin"):
+            self._expected = request.place
+        if request.command == "begin":
+            self._id = None
+
+    def tracks(self, tracker: PreparedTracker, width_px: int) -> Tracks | None:
+        """What the tracker has found of this person; nothing while it is not sure who it is."""
+        persons = tracker.persons()
+        if not persons:
+            self.place, self.complaint = None, ""
+            return tracker.every_track
+        places = [self._placer.place(tracker.every_part, person, width_px) for person in persons]
+        chosen = self._choose(persons, places)
+        if chosen is None:
+            self._id, self.place, self.complaint = None, None, UNSURE_WHOM
+            return Tracks(np.full((len(tracker.every_part), 2), np.nan), people=seen_people(persons))
+        self._id, self.place, self.complaint = persons[chosen].id, places[chosen], ""
+        # Outlines are those of the picture, as the tracker finds them.
+        found = [] if tracker.all_tracks is None else list(tracker.all_tracks.persons)
+        first = found.pop(chosen)
+        every = persons[chosen].every
+        return Tracks(persons[chosen].centres if every is None else every, people=seen_people([first, *found]))
+
+    def _choose(self, persons: Sequence[PersonTracks], places: Sequence[FloorPlace | None]) -> int | None:
+        known = next((n for n, person in enumerate(persons) if person.id == self._id), None)
+        if known is not None or self._expected is None:
+            return known or 0
+        costs = [math.inf if place is None else self._expected.distance(place) for place in places]
+        best, *others = sorted(range(len(costs)), key=costs.__getitem__)
+        is_alone = all(costs[other] - costs[best] >= KEEP for other in others)
+        return best if costs[best] <= PERSON_GATE / 2 and is_alone else None
