@@ -10,7 +10,7 @@
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from common import SECOND_NS
 from hub.phone.phone_clock import PhoneClock
@@ -26,20 +26,13 @@ from hub.phone.phone_messages import (
 )
 from hub.phone.register import Phone, RefusedError
 
+if TYPE_CHECKING:
+    from hub.phone.register_file import RegisterFile
+
 MOST_HZ = 60.0
 """Messages a second, on average: twice the pictures of a phone's camera."""
 BURST = 60.0
 """Messages at once after a pause."""
-
-
-class Admission(Protocol):
-    """Who decides whether a phone is admitted."""
-
-    def join(self, code: str, name: str) -> tuple[Phone, str]:
-        """The phone that shows a code, and its new secret; raises RefusedError."""
-
-    def resume(self, secret: str) -> Phone:
-        """The phone with that secret; raises RefusedError."""
 
 
 @dataclass(slots=True)
@@ -72,9 +65,9 @@ class Outcome:
 
 @dataclass(slots=True)
 class PhoneSession:
-    """The state of one connection. scene: its name, for the page. now_ns: our clock (Unix epoch, ns)."""
+    """The state of one connection. phones: who is admitted. scene: its name, for the page. now_ns: our clock (ns)."""
 
-    admission: Admission
+    phones: "RegisterFile"
     scene: str
     now_ns: Callable[[], int]
     phone: Phone | None = None
@@ -114,9 +107,9 @@ class PhoneSession:
             raise BadPhoneMessage("this phone is admitted already")
         secret: str | None = None
         if isinstance(message, Join):
-            self.phone, secret = self.admission.join(message.code, message.name)
+            self.phone, secret = self.phones.join(message.code, message.name)
         else:
-            self.phone = self.admission.resume(message.secret)
+            self.phone = self.phones.resume(message.secret)
         welcome = {"scene": self.scene, "observer": self.phone.observer, "secret": secret}
         return Outcome([{"welcome": welcome}, self.question()])
 

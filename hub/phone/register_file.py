@@ -57,7 +57,7 @@ class RegisterFile:
         return code
 
     def join(self, code: str, name: str) -> tuple[Phone, str]:
-        """As `Admission.join`."""
+        """The phone that shows a code, and its new secret; raises RefusedError."""
         secret = secrets.token_urlsafe(SECRET_BYTES)
         with self._locked():
             register, phone = self.register.join(code, secret, name, datetime.now(UTC))
@@ -65,7 +65,7 @@ class RegisterFile:
         return phone, secret
 
     def resume(self, secret: str) -> Phone:
-        """As `Admission.resume`."""
+        """The phone with that secret; raises RefusedError."""
         return self.register.resume(secret)
 
     def revoke(self, observer: str) -> None:

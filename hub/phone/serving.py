@@ -15,7 +15,6 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from socket import socket
-from typing import Protocol
 from urllib.parse import urlsplit
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -25,8 +24,9 @@ from websockets.http11 import Request, Response
 from websockets.protocol import State
 
 from hub.phone.phone_messages import MESSAGE_LIMIT, BadPhoneMessage, CameraState, LessonRequest
-from hub.phone.phone_session import Admission, PhoneSession
-from hub.phone.register import Phone, RefusedError
+from hub.phone.phone_session import PhoneSession
+from hub.phone.register import RefusedError
+from hub.phone.register_file import RegisterFile
 from hub.phone.static_pages import SOCKET_PATH, Answer
 
 log = logging.getLogger("labanmesh.hub")
@@ -43,13 +43,6 @@ BROKEN, REFUSED, REPLACED = 1008, 4000, 4001
 """Codes of a close: a message broke a rule; not admitted (scan a new code); another connection of this phone came."""
 WRITE_LIMIT = 16 * 1024
 """Bytes that may wait for a phone that does not read; an answer has 500."""
-
-
-class RegisteredPhones(Admission, Protocol):
-    """Admits phones, and knows which are revoked."""
-
-    def admits(self, phone: Phone) -> bool:
-        """Whether a phone that was admitted still is."""
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +65,7 @@ class PhoneServer:
     """
 
     scene: str
-    phones: RegisteredPhones
+    phones: RegisterFile
     publish: Callable[[str, bytes], None]
     answer: Callable[[str, str], Answer]
     words_of: Callable[[str], Mapping[str, object]] = lambda observer: {}
