@@ -25,7 +25,7 @@ def test_a_fall_is_seen_kept_and_told(tmp_path):
         more = '[watch.fallen]\n[history]\nfile = "history.db"\n[notify.phone]\n'
         path = write_scene(tmp_path / "scene.toml", free_endpoint(), observers)
         path.write_text(path.read_text() + f'{more}url = "{server.url}"\n')
-        watcher = subprocess.Popen(labanmesh("watch", path, "--json", "--for", "30"), cwd=tmp_path, text=True,
+        watcher = subprocess.Popen(labanmesh("watch", path, "--json", "--for", SOON_S), cwd=tmp_path, text=True,
                                    stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)  # fmt: skip
         with watcher:
             ran = run(tmp_path, "up", path, "--exit-when-done", timeout_s=SOON_S)

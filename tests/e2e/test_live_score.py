@@ -30,7 +30,7 @@ def test_the_ended_verdict_of_a_performance_has_a_score(tmp_path, capsys):
     path = write_scene(tmp_path / "scene.toml", free_endpoint(), observers)
     with (tmp_path / "lines.json").open("w") as out:
         # A pipe that nobody reads would soon be full.
-        watching = labanmesh("watch", path, "--json", "--for", "40")
+        watching = labanmesh("watch", path, "--json", "--for", SOON_S)
         with subprocess.Popen(watching, cwd=tmp_path, stdout=out, stderr=subprocess.DEVNULL) as watch:
             ran = run(tmp_path, "up", path, "--exit-when-done", timeout_s=SOON_S)
             watch.terminate()
