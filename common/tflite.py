@@ -4,7 +4,9 @@ A model is a FlatBuffer; the slots are those of tensorflow/lite/schema/schema.fb
 file, which stays as it is (common/flat_buffer.py).
 """
 
+import io
 import struct
+import zipfile
 
 from common.flat_buffer import Bytes, Existing, FlatTable, FlatTables, Node, flat_buffer
 
@@ -20,6 +22,20 @@ READS, WRITES = 1, 2
 LANDMARK_OUTPUTS, PRESENCE, OUTLINE = 5, 1, 2
 """Of the outputs of MediaPipe's model of a pose: whether somebody is there, one number, and the person's outline."""
 OUTLINE_SHAPE = [1, 256, 256, 1]
+ANY_DATE = (1980, 1, 1, 0, 0, 0)
+"""Without a date of its own the same models make the same .task file."""
+
+
+def task_without_outline(task: bytes) -> bytes:
+    """The .task file of MediaPipe's pose landmarker, whose model draws no outline; another file as it is."""
+    buffer = io.BytesIO()
+    try:
+        with zipfile.ZipFile(io.BytesIO(task)) as old, zipfile.ZipFile(buffer, "w") as new:
+            for name in old.namelist():
+                new.writestr(zipfile.ZipInfo(name, ANY_DATE), without_outline(old.read(name)))
+    except zipfile.BadZipFile:
+        return task
+    return buffer.getvalue()
 
 
 def without_outline(model: bytes) -> bytes:

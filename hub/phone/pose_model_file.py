@@ -14,7 +14,8 @@ from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import replace_file
-from hub.phone.pose_task import pose_task, without_outline
+from common.tflite import task_without_outline
+from hub.phone.pose_task import pose_task
 
 NPM_PACKAGES = ("@mediapipe/tasks-vision@0.10.21", "@mediapipe/pose@0.5.1675469404")
 DATA_FOLDER = "LABANMESH_PHONE_FILES"
@@ -76,7 +77,7 @@ def read_files(folder: Path) -> dict[str, bytes]:
             raise LabanmeshError(f"{path}: {reason_of(error)}; {FETCH}") from None
         if hashlib.sha256(contents[name]).hexdigest() != sha256:
             raise LabanmeshError(f"{path}: not the file that labanmesh knows (SHA-256); {FETCH}")
-    return contents | {name: without_outline(contents[name]) for name in MADE}
+    return contents | {name: task_without_outline(contents[name]) for name in MADE}
 
 
 def fetch(folder: Path, source: Path | None = None) -> None:

@@ -20,8 +20,6 @@ BUFFERS, METADATA_LIST = 4, 6
 """Slots of a model (tensorflow/lite/schema/schema.fbs)."""
 IMAGE, NORMALIZATION, RGB = 2, 1, 1
 """ContentProperties, ProcessUnitOptions and ColorSpaceType in metadata_schema.fbs."""
-ANY_DATE = (1980, 1, 1, 0, 0, 0)
-"""Without a date of its own the same models make the same file."""
 
 
 def pose_task(detector: bytes, landmarks: bytes) -> bytes:
@@ -29,16 +27,7 @@ def pose_task(detector: bytes, landmarks: bytes) -> bytes:
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as task:
         for name, model in ((DETECTOR, detector), (LANDMARKS, landmarks)):
-            task.writestr(zipfile.ZipInfo(name, ANY_DATE), with_scale(model, *SCALES[name]))
-    return buffer.getvalue()
-
-
-def without_outline(task: bytes) -> bytes:
-    """The .task file with a model of landmarks that does not draw the person's outline (common/tflite.py)."""
-    buffer = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(task)) as old, zipfile.ZipFile(buffer, "w") as new:
-        for name in old.namelist():
-            new.writestr(zipfile.ZipInfo(name, ANY_DATE), tflite.without_outline(old.read(name)))
+            task.writestr(zipfile.ZipInfo(name, tflite.ANY_DATE), with_scale(model, *SCALES[name]))
     return buffer.getvalue()
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from common.config_people import MOST_PEOPLE
 from common.errors import BadInput, LabanmeshError
+from common.tflite import task_without_outline
 from common.tracker_choice import INSTALL_MEDIAPIPE
 from observer.tracking.cropped_pose import CroppedPeople
 from observer.tracking.people import Body, FollowRule, PersonModel, SearchArea
@@ -70,9 +71,13 @@ class TaskPose:
     def __init__(self, model_path: str) -> None:
         if not Path(model_path).is_file():
             raise BadInput(f"pose_model = {model_path!r}: no such file; a pose landmarker .task file is expected")
+        try:
+            task = task_without_outline(Path(model_path).read_bytes())
+        except OSError as error:
+            raise BadInput(f"pose_model = {model_path!r}: {_one_line(error)}") from None
         self._mediapipe = _imported("mediapipe")
         vision = _imported("mediapipe.tasks.python.vision")
-        base = _imported("mediapipe.tasks.python").BaseOptions(model_asset_path=model_path)
+        base = _imported("mediapipe.tasks.python").BaseOptions(model_asset_buffer=task)
         options = vision.PoseLandmarkerOptions(base_options=base, running_mode=vision.RunningMode.VIDEO)
         many = vision.PoseLandmarkerOptions(base_options=base, num_poses=MOST_PEOPLE)
         self._landmarker, self._many = vision.PoseLandmarker, many

@@ -103,6 +103,7 @@ ALLOWED = {
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("deploy.security.router_config", "common.tracker_choice"): "the names of sources, constants",
     ("hub.phone.pose_task", "zipfile"): "an archive in memory",
+    ("common.tflite", "zipfile"): "an archive in memory",
     ("observer.tracking.tracker_kind", "pathlib"): "a tracker may be told the name of a file",
     ("observer.motion.sensors", "pathlib"): "a sensor is named with its file",
     ("studies.sensors", "pathlib"): "a sensor is named with its file",

@@ -13,7 +13,7 @@ from common import tflite
 from common.errors import BadInput
 from common.flat_buffer import Existing, FlatTable, flat_buffer, floats
 from common.tflite import field, items, number, reference
-from hub.phone.pose_task import BUFFERS, METADATA_LIST, pose_task, with_scale, without_outline
+from hub.phone.pose_task import BUFFERS, METADATA_LIST, pose_task, with_scale
 
 
 def string_at(content, place):
@@ -89,7 +89,7 @@ def test_nothing_is_left_in_that_only_draws_the_outline():
 
 @pytest.mark.parametrize("other", [b"", b"no model", model(), model(5)])
 def test_another_model_stays_as_it_is(other):
-    assert tflite.without_outline(other) == other
+    assert tflite.without_outline(other) == tflite.task_without_outline(other) == other
     small = pose_model([1, 64, 64, 1])
     assert tflite.without_outline(small) == small
 
@@ -100,9 +100,8 @@ def test_the_real_models_lose_their_outline_alone():
     file = data_folder() / "pose_lite.task"
     if not file.is_file():
         pytest.skip("no pose model here: labanmesh phone --fetch")
-    before, after = (
-        zipfile.ZipFile(io.BytesIO(each)) for each in (file.read_bytes(), without_outline(file.read_bytes()))
-    )
+    task = file.read_bytes()
+    before, after = (zipfile.ZipFile(io.BytesIO(each)) for each in (task, tflite.task_without_outline(task)))
     detector, landmarks = before.namelist()
     assert after.read(detector) == before.read(detector)
     counts = [len(items(m, items(m, reference(m, 0), 2)[0], 3)) for m in (z.read(landmarks) for z in (before, after))]
