@@ -147,7 +147,8 @@ class Link(SubSession):
         """Find peers again that this process alone has lost, until the link is closed."""
         lost, port = LostPeers(), int(self._endpoint.rpartition(":")[2].partition("#")[0].partition("?")[0] or 0)
         while not self._closed.wait(CONNECTION_CHECK_S):
-            with suppress(zenoh.ZError):  # closed meanwhile
+            # Closed meanwhile, or a peer of another make tells its state in other words.
+            with suppress(zenoh.ZError, ValueError, LookupError, TypeError):
                 missed = lost.note(map(str, self._session.info.peers_zid()))
                 if missed and missed & self._linked_to_others():
                     log.info("%s: peers were lost; connecting again", self._endpoint)
