@@ -8,6 +8,7 @@
 import json
 import logging
 import math
+import re
 import threading
 import time
 from collections.abc import Mapping, Sequence
@@ -145,14 +146,14 @@ class Link(SubSession):
 
     def _keep_peers(self) -> None:
         """Find peers again that this process alone has lost, until the link is closed."""
-        lost, port = LostPeers(), int(self._endpoint.rpartition(":")[2].partition("#")[0].partition("?")[0] or 0)
+        lost, port = LostPeers(), re.search(r":(\d+)(?:[?#]|$)", self._endpoint)
         while not self._closed.wait(CONNECTION_CHECK_S):
             # Closed meanwhile, or a peer of another make tells its state in other words.
             with suppress(zenoh.ZError, ValueError, LookupError, TypeError):
                 missed = lost.note(map(str, self._session.info.peers_zid()))
-                if missed and missed & self._linked_to_others():
+                if port and missed and missed & self._linked_to_others():
                     log.info("%s: peers were lost; connecting again", self._endpoint)
-                    end_connections(port)
+                    end_connections(int(port[1]))
 
     def _linked_to_others(self) -> frozenset[str]:
         """The ids of the peers that this process's peers are linked to."""
