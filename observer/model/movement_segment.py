@@ -21,9 +21,10 @@ T = TypeVar("T", bound=np.generic)
 STILL_LAG_S = 0.3
 """The delay of stillness: a movement begins this long before stillness ends."""
 SHOWN, PAST_S = 0.3, AFTERGLOW_S
-"""P(something else) below SHOWN shows a movement; that movement is past when it exceeds 1 - SHOWN for PAST_S."""
+"""P(something else) below SHOWN shows a movement; that movement is past when it exceeds 1 - SHOWN for STILL_LAG_S, the
+time for which rest shows, too. Who is still after it for PAST_S has ended it."""
 SURE = 0.8
-"""A movement with a higher probability for PAST_S is named; a segment in which two are named holds more than one."""
+"""A movement with a higher probability for STILL_LAG_S is named; a segment with two named ones holds more than one."""
 
 
 class MovementSegment:
@@ -50,10 +51,11 @@ class MovementSegment:
         self._first: int | None = None
         self._sure, self._sure_frames = -1, 0
 
-    def update(self, resting: bool, still: float, answers: Floats, stored: int) -> None:
+    def update(self, resting: bool, still: float, answers: Floats, something_else: float, stored: int) -> None:
         """Take in one more frame: whether the person rests in it, P(still), and the answers of the trailing windows.
 
-        answers: (M + 1,) probabilities, something else last. stored: the number of frames whose rows are stored.
+        answers: (M + 1,) probabilities, something else last; something_else: its probability by all members. stored:
+        the number of frames whose rows are stored.
         """
         self._moved = self._moved or not resting
         self._still = self._still + 1 if still > 0.5 else 0
@@ -63,7 +65,7 @@ class MovementSegment:
             # A movement that goes on after a pause has lasted through it.
             self.begun += 0 if self.over else 1 + self.ended
             self.ended = self.ended + 1 if self.over else 0
-            is_next = self._is_shown_again(resting, float(answers[-1])) or self._is_another(answers)
+            is_next = self._is_shown_again(resting, something_else) or self._is_another(answers)
             if self.begun > min(self._longest, stored) or (is_next and not self._single):
                 self.begun = None
         if self._rested >= self.lag and not self._moved and self._moved_before:
@@ -85,14 +87,14 @@ class MovementSegment:
             return False
         self._sure_frames = self._sure_frames + 1 if likeliest == self._sure else 1
         self._sure = likeliest
-        if self._sure_frames <= self._past_frames:
+        if self._sure_frames <= self.lag:
             return False
         self._first = likeliest if self._first is None else self._first
         return likeliest != self._first
 
     def _is_shown_again(self, resting: bool, something_else: float) -> bool:
         """Whether a movement is shown again, after something else that was no rest."""
-        is_past = self._otherwise > self._past_frames
+        is_past = self._otherwise > self.lag
         self._shown = self._shown or something_else < SHOWN
         if not is_past:
             is_other = self._shown and not resting and something_else > 1 - SHOWN

@@ -91,7 +91,7 @@ class StackedWatch(Watch):
             if self._sights is not None:
                 self._sights.append(tracks.visible)
             self._trailing.update(row)
-            self._segment.update(resting, frame.still, self._answers, len(self._rows))
+            self._segment.update(resting, frame.still, self._answers, self._something_else, len(self._rows))
             self._left -= 1
         else:
             self._doubt = 1 - (1 - self._doubt) * self._kept

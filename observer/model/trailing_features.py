@@ -64,8 +64,9 @@ class TrailingFeatures:
         self.windows, self._rate_hz, self._channels, self._biases = windows, rate_hz, channels, biases
         self._weights = [weights_of(own) for own in channels]
         values = channels.shape[2]
-        self.size = len(KERNELS) * len(windows.dilations) * len(windows.convolutions)
-        self.size += 2 * values * (4 * len(windows.postures) + 1)
+        self.convolutions = len(KERNELS) * len(windows.dilations) * len(windows.convolutions)
+        """How many of the features, the first ones, are shares of convolutions; the others are statistics."""
+        self.size = self.convolutions + 2 * values * (4 * len(windows.postures) + 1)
 
     @classmethod
     def learn(cls, windows: Windows, rate_hz: float, traces: Sequence[Floats32], seed: int = 0) -> Self:

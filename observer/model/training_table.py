@@ -63,6 +63,7 @@ class TrainingTable:
             self._targets[chosen],
             parameters["trailing_penalty"] * self._few,
             iterations,
+            (self.trailing.convolutions,),
         )
         others = ~np.isin(self._segments.example_of, list(gone))
         movements = self._header.vocabulary.size

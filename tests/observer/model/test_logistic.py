@@ -18,15 +18,15 @@ def problem():
     return features, targets
 
 
-def probabilities(features, targets, at=None, iterations=400):
-    learned = LogisticRegression.learn(features, targets, 0.3, iterations)
+def probabilities(features, targets, at=None, iterations=400, kinds=()):
+    learned = LogisticRegression.learn(features, targets, 0.3, iterations, kinds)
     return np.exp(learned.log_probabilities(features if at is None else at))
 
 
-def test_the_gradient_is_that_of_finite_differences(problem):
+@pytest.mark.parametrize("kinds", [(), (2,), (1, 3)])
+def test_the_gradient_is_that_of_finite_differences(problem, kinds):
     features, targets = problem
-    x = np.hstack([features, np.ones((ROWS, 1), np.float32)])
-    loss = _Loss(x.astype(np.float64), targets.astype(np.float64), 0.3)
+    loss = _Loss(features.astype(np.float64), targets.astype(np.float64), 0.3, kinds)
     w = np.random.default_rng(2).normal(size=(COLUMNS + 1, CLASSES))
     _, gradient = loss(w)
     for place in np.ndindex(*w.shape):
@@ -36,21 +36,24 @@ def test_the_gradient_is_that_of_finite_differences(problem):
         assert gradient[place] == pytest.approx(numeric, abs=1e-4)
 
 
-def test_the_optimum_is_that_of_a_general_minimiser(problem):
+@pytest.mark.parametrize("kinds", [(), (2,)])
+def test_the_optimum_is_that_of_a_general_minimiser(problem, kinds):
+    """With several kinds the loss is the mean of those of all features and of each kind where the others are 0."""
     features, targets = problem
     spread = features.std(axis=0) + 0.05
     x = (features - features.mean(axis=0)) / spread
+    shown = [x, np.hstack([x[:, :2], 0 * x[:, 2:]]), np.hstack([0 * x[:, :2], x[:, 2:]])] if kinds else [x]
 
     def loss(flat):
         w = flat.reshape(COLUMNS + 1, CLASSES)
-        scores = x @ w[:-1] + w[-1]
-        cross_entropy = np.log(np.exp(scores).sum(axis=1)) - (scores * targets).sum(axis=1)
-        return 0.3 * cross_entropy.sum() + 0.5 * (w[:-1] ** 2).sum()
+        scores = np.array([one @ w[:-1] + w[-1] for one in shown])
+        cross_entropy = np.log(np.exp(scores).sum(axis=2)) - (scores * targets).sum(axis=2)
+        return 0.3 * cross_entropy.mean(axis=0).sum() + 0.5 * (w[:-1] ** 2).sum()
 
     w = minimize(loss, np.zeros((COLUMNS + 1) * CLASSES), tol=1e-12).x.reshape(COLUMNS + 1, CLASSES)
     expected = np.exp(x @ w[:-1] + w[-1])
     expected /= expected.sum(axis=1, keepdims=True)
-    np.testing.assert_allclose(probabilities(*problem), expected, atol=0.01)
+    np.testing.assert_allclose(probabilities(*problem, kinds=kinds), expected, atol=0.01)
 
 
 def test_a_feature_that_never_varies_in_training_hardly_decides(problem):

@@ -27,7 +27,7 @@ def shown(frames: Iterable[tuple[bool, float]], longest: float = 90.0) -> list[i
     segment = MovementSegment(RATE_HZ, False, longest)
     begun = []
     for stored, (resting, something_else) in enumerate(frames, 1):
-        segment.update(resting, 1.0 * resting, answers(something_else), stored)
+        segment.update(resting, 1.0 * resting, answers(something_else), something_else, stored)
         begun.append(segment.begun)
     return begun
 
@@ -39,10 +39,10 @@ def test_a_movement_after_rest_has_a_begin() -> None:
 
 
 def test_the_next_movement_without_rest_has_none() -> None:
-    begun = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 5, *[MOVEMENT] * 20])
+    begun = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[MOVEMENT] * 20])
     assert begun[49] is not None
-    assert begun[55:] == [None] * 20
-    again = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 5, *[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])
+    assert begun[60:] == [None] * 20
+    again = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])
     assert again[-1] == 9 + 9, "rest before the third movement shows its begin"
 
 
@@ -56,23 +56,23 @@ def test_a_segment_in_which_two_movements_are_named_has_no_begin() -> None:
         segment = MovementSegment(RATE_HZ, onset_known, 90.0)
         begun = []
         for stored in range(1, 31):
-            segment.update(False, 0.0, answers(0.1, 1 if stored <= 20 else 2), stored)
+            segment.update(False, 0.0, answers(0.1, 1 if stored <= 20 else 2), 0.1, stored)
             begun.append(segment.begun)
         if onset_known:
             assert begun == [*range(1, 31)], "a known onset is that of one movement, whatever it is taken for"
         else:
-            assert begun == [*range(1, 24), *[None] * 7], "the second one is named after 0.1 s"
+            assert begun == [*range(1, 30), None], "the second one is named after 0.3 s"
 
 
 def test_a_change_of_mind_that_is_not_sure_ends_nothing() -> None:
     segment = MovementSegment(RATE_HZ, False, 90.0)
     for stored in range(1, 41):
-        segment.update(False, 0.0, answers(0.25 if stored <= 20 else 0.1, stored // 20), stored)
+        segment.update(False, 0.0, answers(0.25 if stored <= 20 else 0.1, stored // 20), 0.1, stored)
     assert segment.begun == 40
 
 
 def test_a_moment_of_doubt_ends_nothing() -> None:
-    assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 3, *[MOVEMENT] * 5])[30:]
+    assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 9, *[MOVEMENT] * 5])[30:]
 
 
 def test_a_stream_may_begin_in_a_movement() -> None:
@@ -90,11 +90,11 @@ def test_a_posture_that_is_held_ends_the_segment_and_one_that_is_not_goes_on() -
     rows = np.arange(200.0, dtype=np.float32)[:, None]
     segment, held, moving = MovementSegment(RATE_HZ, True, 90.0), (False, 0.9), (False, 0.0)
     for stored, (resting, still) in enumerate([*[moving] * 20, *[held] * 30], 1):
-        segment.update(resting, still, answers(0.05), stored)
+        segment.update(resting, still, answers(0.05), 0.05, stored)
     assert segment.over and segment.begun is not None and segment.begun < 20 + 5
     assert segment.rows_of(rows[:50])[:, 0].tolist() == [*range(segment.begun)]
     for stored in range(51, 56):
-        segment.update(False, 0.0, answers(0.05), stored)
+        segment.update(False, 0.0, answers(0.05), 0.05, stored)
     assert (segment.over, segment.begun, segment.number) == (False, 55, 0), "the pause is part of the movement"
 
 
@@ -103,7 +103,7 @@ def test_who_is_still_has_not_ended_their_rest() -> None:
     segment = MovementSegment(RATE_HZ, True, 90.0)
     frames = [*[(False, 0.0)] * 20, *[(True, 0.9)] * 20, *[(False, 0.9)] * 5, *[(True, 0.9)] * 5]
     for stored, (resting, still) in enumerate(frames, 1):
-        segment.update(resting, still, answers(0.5), stored)
+        segment.update(resting, still, answers(0.5), 0.5, stored)
     assert (segment.over, segment.begun, segment.number) == (True, 20, 0)
 
 
@@ -112,7 +112,7 @@ def test_the_segment_is_never_longer_than_what_is_stored(frames: list[tuple[bool
     rows = np.arange(200.0, dtype=np.float32)[:, None]
     segment = MovementSegment(RATE_HZ, False, 40.0)
     for stored, (resting, still, something_else) in enumerate(frames, 1):
-        segment.update(resting and still >= 0.5, still, answers(something_else), stored)
+        segment.update(resting and still >= 0.5, still, answers(something_else), something_else, stored)
         own = segment.rows_of(rows[:stored])
         assert len(own) == (segment.begun or 0)
         assert segment.begun is None or segment.begun <= 40
