@@ -22,7 +22,7 @@ def people():
 
 @pytest.fixture(scope="module")
 def model(people):
-    return learn_view(people, DOOR, Vocabulary(LABELS), parameters={"kernels": 336.0})
+    return learn_view(people, DOOR, Vocabulary(LABELS), kind="stacked")
 
 
 def centres_of(people, number=0):
