@@ -50,10 +50,10 @@ class TaughtPerson:
             return Tracks(np.full((len(tracker.every_part), 2), np.nan), people=seen_people(persons))
         self._id, self.place, self.complaint = persons[chosen].id, places[chosen], ""
         # Outlines are those of the picture, as the tracker finds them.
-        found = [] if tracker.all_tracks is None else list(tracker.all_tracks.persons)
-        first = found.pop(chosen)
+        outlines = [] if tracker.all_tracks is None else list(tracker.all_tracks.persons)
+        first = outlines.pop(chosen)
         every = persons[chosen].every
-        return Tracks(persons[chosen].centres if every is None else every, people=seen_people([first, *found]))
+        return Tracks(persons[chosen].centres if every is None else every, people=seen_people([first, *outlines]))
 
     def _choose(self, persons: Sequence[PersonTracks], places: Sequence[FloorPlace | None]) -> int | None:
         known = next((n for n, person in enumerate(persons) if person.id == self._id), None)
