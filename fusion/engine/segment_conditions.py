@@ -40,10 +40,9 @@ ENDING_NS = 5.0 * SECOND_NS
 """After a longer outage the same label is another movement (rule 9)."""
 CLEAR_REST = 1.0 - CLEAR_MARGIN
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
-NOTHING, NO_LABEL = MovementProgress(0), HeldLabel("", 0, 0, None)
+NOTHING, BEFORE, NO_LABEL = MovementProgress(0), MovementProgress(0, unseen=True), HeldLabel("", 0, 0, None)
 UNDECIDED = MovementDecision("", 0, 0)
-"""In place of a movement, a label and a decision where there is none."""
-
+"""In place of a movement, a label and a decision where there is none. BEFORE: nor has the person been seen idle yet."""
 
 IDLE, PASSED = SegmentState.IDLE, SegmentState.PASSED
 ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
@@ -57,7 +56,7 @@ class Conditions:
         self._config, self._hold_ns = config, config.hold_s * SECOND_NS
         self._durations = durations_of(config, vocabulary)
         self.state = IDLE
-        self._movement, self._held = NOTHING, NO_LABEL
+        self._movement, self._held = BEFORE, NO_LABEL
         self._heard: Heard | None = None
         self._quiet: Quiet | None = None
         self._last_ns = 0
@@ -101,6 +100,8 @@ class Conditions:
         before = self._held if self._held_for(self._last_ns) else None
         self._last_ns = state.at_ns
         self._hold(state, self.state in ENDING and state.rests)
+        if self.state is IDLE and state.observed and state.idle:
+            self._movement = NOTHING
         if self.state is not IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
         met, named = self._held_for(state.at_ns), self._held_for(state.at_ns - state.longer_s * SECOND_NS)
@@ -164,7 +165,8 @@ class Conditions:
         carried = held.label if at_ns - held.last_ns <= NOTICED_NS <= at_ns - held.since_ns else None
         if after_outage_ns is not None and 0 <= at_ns - after_outage_ns < NOTICED_NS:
             carried = ANY
-        self._movement, self._quiet = MovementProgress(at_ns, None, carried, self.waits), None
+        unseen, self._quiet = self.state is IDLE and self._movement.unseen, None
+        self._movement = MovementProgress(at_ns, None, carried, self.waits, unseen)
         if held.agreed_ns is not None:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
@@ -186,7 +188,8 @@ class Conditions:
         """Whether the person has moved for too short a time for a movement with this label, or without one (rule 1)."""
         carried, moved_until_ns = self._movement.carried, at_ns if self._resting is None else self._resting.since_ns
         least_ns = self.lasting(carried).least_ns if carried is not None and label in (None, carried) else 0.0
-        return moved_until_ns - self._movement.began_ns < max(self._hold_ns, least_ns)
+        unseen_ns = NOTICED_NS if label is None and self._movement.unseen else 0.0
+        return moved_until_ns - self._movement.began_ns < max(self._hold_ns, least_ns, unseen_ns)
 
     def renamed(self) -> str | None:
         """The label that replaces the decided one at rest (rule 6)."""
@@ -204,8 +207,8 @@ class Conditions:
         return at_ns - quiet.clear_ns >= NOTICED_NS and at_ns - quiet.since_ns < FADING * self._hold_ns
 
     def _is_seen(self, step: SegmentStep) -> bool:
-        decision, state = self._decision, step.state
-        return state.observed and state.label == decision.label and state.at_ns > decision.decided_ns
+        state = step.state
+        return state.observed and state.label == self._decision.label and state.at_ns > self._decision.decided_ns
 
     def _is_back(self, step: SegmentStep) -> bool:
         return step.state.observed and self._goes_on(step.state)
@@ -282,19 +285,13 @@ class Event(Enum):
     NEXT = "another label is held, since later than the begin", Conditions._is_next
     ANOTHER = "another label is held", Conditions._is_other
     MOVES_ON = "a movement is likelier again, and its label is not", Conditions._is_moving_on
-    PREMATURE = (
-        "another label is held before this one can be over, or long afterwards",
-        Conditions._is_premature,
-    )
+    PREMATURE = "another label is held before this one can be over, or long afterwards", Conditions._is_premature
     RENAMED = "another label, or something else, was held as rest began", lambda known, _: known.renamed() is not None
     OUTAGE = "an outage is over", lambda _, step: step.is_out
     OUTAGE_IN_MOTION = "an outage is over, and the person moves", lambda _, step: step.is_out and not step.state.idle
     OUTAGE_AT_REST = "an outage is over, and the person does not move", lambda _, step: step.is_out and step.state.idle
     LONG_OUTAGE_AT_REST = "the outage may hide a movement", lambda _, step: step.hides and step.state.idle
-    LONG_OUTAGE = (
-        "it was so long that the same label would be another movement",
-        lambda _, step: step.gap_ns > ENDING_NS,
-    )
+    LONG_OUTAGE = "the same label would be another movement", lambda _, step: step.gap_ns > ENDING_NS
 
     def __init__(self, meaning: str, shows: Callable[[Conditions, SegmentStep], bool]) -> None:
         self.meaning, self.shows = meaning, shows

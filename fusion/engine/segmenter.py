@@ -3,7 +3,8 @@
 A table of transitions, (state, event) -> (state, what is published), at the end. Its rules, in short; in full and with
 their reasons: fusion.md, "Segments".
 
-1. A movement begins when neither rest nor "something else" is likelier than it. What is too short is none.
+1. A movement begins when neither rest nor "something else" is likelier than it. What is too short is none: the first,
+   for what observers need to notice rest.
 2. A label is decided when it has met threshold and quorum for `hold_s`, or for longer while an observer contests it.
 3. A label that was held as the movement began is of the one before, and is decided late, or at rest.
 4. A decided movement ends, at the time when rest began, when rest has lasted.
@@ -113,7 +114,9 @@ class Segmenter(Conditions):
         if self.state is IDLE:
             self._begin(movement.began_ns)
         own, before, decision = self._movement, self._movement.decision, movement.decision
-        followed = replace(own, began_ns=movement.began_ns, decision=decision, early=False, outage_ns=None)
+        followed = replace(
+            own, began_ns=movement.began_ns, decision=decision, early=False, unseen=False, outage_ns=None
+        )
         if decision is None:
             self._movement = followed
             if self.state is IDLE or before is not None:
