@@ -6,6 +6,7 @@ LABANMESH_OBSERVERS_CAM1_SPEED. Lists are separated by commas; a `-` in an obser
 
 import re
 from collections.abc import Iterator, Mapping
+from fnmatch import fnmatchcase
 from typing import Any, get_args
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -18,6 +19,14 @@ PREFIX = "LABANMESH_"
 VALUE_LIMIT = 60
 """Characters of a wrong value that are quoted."""
 Place = tuple[str, ...]
+REMOVED_KEYS = {
+    "observers.*.preview": "picture_hz on the dashboard and [observers.ID.clips] show what an observer sees",
+    "observers.*.virtual.slow_light": "the virtual camera has no changing light",
+    "observers.*.virtual.sudden_light": "the virtual camera has no changing light",
+    "observers.*.virtual.blur": "the virtual camera has no motion blur",
+    "observers.*.virtual.occluders": "the virtual camera has no occluders",
+}
+"""Keys of the last release that are gone, and what to do instead; a line stays for one release."""
 
 
 def describe_fault(error: ValidationError, model: type[BaseModel]) -> str:
@@ -53,6 +62,8 @@ def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
     place, kind, value = tuple(map(str, fault["loc"])), fault["type"], fault.get("input")
     key = ".".join(place)
     if kind == "extra_forbidden":
+        if removed := _removed(key):
+            return f"{key}: this key was removed, delete it; {removed}"
         known = _at(place[:-1], model)[1].model_fields
         home = next((name for name in _sections_with(place[-1], model) if name != ".".join(place[:-1])), "")
         return f"{key}: unknown key; {f'it belongs below [{home}]' if home else nearest(place[-1], known)}"
@@ -66,6 +77,11 @@ def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
     rule = _rule(fault["msg"]).replace("[section]", f"[{section}]")
     way_out = _way_out(kind, value, named[-1], field) if named == place else _example(named[-1], field)
     return f"{key} = {_quoted(value)}: {rule}{way_out}"
+
+
+def _removed(key: str) -> str:
+    """What to do instead of a removed key; "" for any other."""
+    return next((instead for removed, instead in REMOVED_KEYS.items() if fnmatchcase(key, removed)), "")
 
 
 def _rule(message: str) -> str:

@@ -113,6 +113,14 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
         (LEAST + "rate_hz = true", "observers.cam1.rate_hz = true: must be a valid number; e.g. rate_hz = 15.0"),
         (LEAST + "size_px = [640]", "observers.cam1.size_px: item 2 is missing; e.g. size_px = [640, 480]"),
         (LEAST + "quorum = 1", "observers.cam1.quorum: unknown key; it belongs below [fusion]"),
+        (
+            LEAST + 'preview = "out.avi"',
+            "observers.cam1.preview: this key was removed, delete it; picture_hz on the dashboard",
+        ),
+        (
+            LEAST + "[observers.cam1.virtual]\nblur = 0.5",
+            "observers.cam1.virtual.blur: this key was removed, delete it; the virtual camera has no motion blur",
+        ),
         (LEAST + "tls = true", "observers.cam1.tls: unknown key; it belongs below [hub.mqtt]"),
         (
             'scene = "d"\n[observers]\nsource = "0"',
