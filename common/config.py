@@ -225,22 +225,3 @@ def _set_defaults(table: dict[str, Any]) -> None:
     fusion = table.setdefault("fusion", {})
     if isinstance(fusion, dict):
         fusion.setdefault("quorum", default_quorum(len(observers)))
-
-
-def require_compatible(scenes: Sequence[Scene]) -> None:
-    """Raises BadInput, one line, for scenes that one process cannot serve together."""
-    first, names, files = scenes[0], set[str](), dict[str, str]()
-    for scene in scenes:
-        if scene.scene in names:
-            raise BadInput(f"scene {scene.scene!r}: in two of the files; each scene is fused once")
-        names.add(scene.scene)
-        if scene.mesh != first.mesh:
-            raise BadInput(f"scene {scene.scene!r}: another [mesh] than {first.scene!r}; one process has one link")
-        if scene.fusion.memory and not scene.place(scene.fusion.memory).is_dir():
-            path = str(scene.place(scene.fusion.memory).absolute())
-            if path in files:
-                raise BadInput(
-                    f"scene {scene.scene!r}: fusion.memory = {scene.fusion.memory!r} is the file of {files[path]!r} "
-                    "too; each scene needs a file of its own"
-                )
-            files[path] = scene.scene

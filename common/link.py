@@ -22,8 +22,7 @@ import zenoh
 
 from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
-from common.lost_peers import LostPeers, end_connections
-from common.open_links import attend
+from common.open_links import LostPeers, attend, end_connections
 from common.subsession import Publisher, SubSession
 from common.zenoh_settings import ADMITTED, MeshRole, reason, settings
 

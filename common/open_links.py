@@ -6,6 +6,11 @@
 2. Links that are still open when the program ends are closed before the interpreter is torn down: a thread that
    returns from Zenoh later would abort the process ("exception not rethrown"), and Zenoh's threads that wait for
    messages would keep it from ending.
+3. Gossip connects peers when one of them comes to the meeting point, and Zenoh makes only that link again which it is
+   configured to have, the one to the meeting point. So two peers that lose each other, and not the meeting point, as
+   after a stall that ends between the leases of two links, would hear nothing of each other any more. A peer that
+   misses another one, to which others are linked, therefore ends its own link to the meeting point: Zenoh makes it
+   again at once, and gossip connects both.
 """
 
 import os
@@ -14,6 +19,7 @@ import struct
 import sys
 import threading
 import time
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from functools import cache
 from typing import Protocol
@@ -30,6 +36,8 @@ CALLERS = ("common.link", "common.subsession")
 """The modules that call Zenoh."""
 LAST_CALLS_S = 3.0
 """Calls return as soon as their session is closed, and their thread has its turn to run, on any machine by then."""
+LOOKS = 4
+"""After so many looks in a row without it a peer is lost: by then the others have given up one that has ended."""
 
 
 class Closable(Protocol):
@@ -90,20 +98,51 @@ def end_lingering() -> int:
     All are checked each time: Zenoh sets the option when a connection is made, maybe long after the socket was opened.
     """
     changed = 0
-    with suppress(OSError):
-        for name in os.listdir(DESCRIPTORS):  # noqa: PTH208 - pathlib takes three times as long
-            with suppress(OSError, ValueError):
-                if os.readlink(f"{DESCRIPTORS}/{name}").startswith("socket:"):  # noqa: PTH115
-                    changed += _switch_off_linger(int(name))
+    for connection in _tcp_sockets():
+        with suppress(OSError):
+            if connection.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] != LINGER_OFF[:4]:
+                connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER_OFF)
+                changed += 1
     return changed
 
 
-def _switch_off_linger(descriptor: int) -> bool:
-    # A duplicate, which can be closed: options belong to the socket and not to the descriptor.
-    with socket.socket(fileno=os.dup(descriptor)) as duplicate:
-        if duplicate.type != socket.SOCK_STREAM or duplicate.family not in (socket.AF_INET, socket.AF_INET6):
-            return False
-        if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] == LINGER_OFF[:4]:
-            return False
-        duplicate.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER_OFF)
-        return True
+def end_connections(port: int) -> int:
+    """End this process's TCP connections to that port; returns their number."""
+    ended = 0
+    for connection in _tcp_sockets():
+        with suppress(OSError):  # not connected
+            if connection.getpeername()[1] == port:
+                connection.shutdown(socket.SHUT_RDWR)
+                ended += 1
+    return ended
+
+
+def _tcp_sockets() -> Iterator[socket.socket]:
+    """The TCP sockets of this process, each as a duplicate that is closed after its turn; both share all options."""
+    try:
+        names = os.listdir(DESCRIPTORS)  # noqa: PTH208 - pathlib takes three times as long
+    except OSError:
+        return
+    for name in names:
+        with suppress(OSError, ValueError):
+            if not os.readlink(f"{DESCRIPTORS}/{name}").startswith("socket:"):  # noqa: PTH115
+                continue
+            with socket.socket(fileno=os.dup(int(name))) as duplicate:
+                if duplicate.type == socket.SOCK_STREAM and duplicate.family in (socket.AF_INET, socket.AF_INET6):
+                    yield duplicate
+
+
+class LostPeers:
+    """Which peers this process has been linked to and is not any more. Pure."""
+
+    def __init__(self) -> None:
+        self._linked: frozenset[str] = frozenset()
+        self._missed: dict[str, int] = {}
+
+    def note(self, linked: Iterable[str]) -> frozenset[str]:
+        """Take in one look; returns those that have been missed for LOOKS looks, each once."""
+        now = frozenset(linked)
+        self._missed |= dict.fromkeys(self._linked - now, 0)
+        self._missed = {peer: looks + 1 for peer, looks in self._missed.items() if peer not in now and looks < LOOKS}
+        self._linked = now
+        return frozenset(peer for peer, looks in self._missed.items() if looks == LOOKS)

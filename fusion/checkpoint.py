@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
@@ -88,7 +88,6 @@ class CheckpointFile:
         self._suffix = suffix
         self._written: tuple[OngoingMovement | None, int] | None = None
         self._last: Checkpoint | None = None
-        self._stamp = _FileStamp(0, 0, 0)
         self._read_failed = self._write_failed = False
 
     @classmethod
@@ -172,10 +171,10 @@ class CheckpointFile:
     def _append(self, checkpoint: Checkpoint) -> bool:
         """Add a line with what has changed; False if the whole checkpoint has to be written.
 
-        That is so at the first time, when the file is long enough, and when another process has changed it.
+        That is so at the first time, when the file is long enough, and where other services may write it, too.
         """
         last = self._last
-        if last is None or self._stamp.size > FILE_LIMIT:
+        if last is None or not self._siblings:
             return False
         parts = {name for name in SELDOM_CHANGED if getattr(checkpoint, name) is getattr(last, name)}
         line = _line(checkpoint, without=parts)
@@ -184,21 +183,16 @@ class CheckpointFile:
         except OSError:
             return False
         try:
-            if _FileStamp.of(descriptor) != self._stamp or os.write(descriptor, line) != len(line):
-                return False
-            self._stamp = _FileStamp.of(descriptor)
+            return os.fstat(descriptor).st_size <= FILE_LIMIT and os.write(descriptor, line) == len(line)
         except OSError:
             return False
         finally:
             os.close(descriptor)
-        return True
 
     def _replace(self, checkpoint: Checkpoint) -> None:
         """Replace the file by one with the whole checkpoint; raises OSError."""
         with os.fdopen(open_private(self._temporary), "wb") as file:
             file.write(_line(checkpoint))
-            file.flush()
-            self._stamp = _FileStamp.of(file.fileno())
         self._temporary.replace(self._path)
 
 
@@ -208,19 +202,6 @@ def checkpoint_files(scene: Scene, own: str) -> dict[str, CheckpointFile]:
     people = scene.people.ids if scene.people.most > 1 else ("",)
     files = {person: CheckpointFile.of(scene, own, person) for person in people}
     return {person: file for person, file in files.items() if file is not None}
-
-
-class _FileStamp(NamedTuple):
-    """Shows whether a file is as it was left: its inode, its size in bytes, the time of its last change."""
-
-    inode: int
-    size: int
-    changed_ns: int
-
-    @classmethod
-    def of(cls, descriptor: int) -> "_FileStamp":
-        status = os.fstat(descriptor)
-        return cls(status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 def _written_state(judgement: JudgementMessage) -> tuple[OngoingMovement | None, int]:

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from common.config import Scene, read_scene, require_compatible, scene_files
+from common.config import Scene, read_scene, scene_files
+from common.errors import BadInput
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, MeshRole
@@ -68,6 +69,25 @@ def require_servable(scenes: Sequence[Scene], own: str, role: MeshRole, *, share
         scene.require_service(own, shared=shared)
     for scene in scenes:
         require_certificate(scene, role, own)
+
+
+def require_compatible(scenes: Sequence[Scene]) -> None:
+    """Raises BadInput, one line, for scenes that one process cannot serve together."""
+    first, names, files = scenes[0], set[str](), dict[str, str]()
+    for scene in scenes:
+        if scene.scene in names:
+            raise BadInput(f"scene {scene.scene!r}: in two of the files; each scene is fused once")
+        names.add(scene.scene)
+        if scene.mesh != first.mesh:
+            raise BadInput(f"scene {scene.scene!r}: another [mesh] than {first.scene!r}; one process has one link")
+        if scene.fusion.memory and not scene.place(scene.fusion.memory).is_dir():
+            path = str(scene.place(scene.fusion.memory).absolute())
+            if path in files:
+                raise BadInput(
+                    f"scene {scene.scene!r}: fusion.memory = {scene.fusion.memory!r} is the file of {files[path]!r} "
+                    "too; each scene needs a file of its own"
+                )
+            files[path] = scene.scene
 
 
 def require_certificate(scene: Scene, role: MeshRole, own: str) -> None:

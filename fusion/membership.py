@@ -81,7 +81,7 @@ class SceneMember:
         return self.ownership.role
 
     def join(self) -> None:
-        """Announce this service; those that are known now were there before it (rule 8 of ownership.py)."""
+        """Announce this service; those that are known now were there before it (rule 8 of fusion.md)."""
         self._session.poll()
         self._alive = self._services.alive
         self.ownership.set_alive(map(service_of, self._alive), self._service.ticks())

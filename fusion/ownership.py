@@ -1,30 +1,6 @@
 """Which fusion service publishes for a scene: one state machine for standby services and for shared scenes. Pure.
 
-The design: fusion.md, "Several services" and "Many scenes".
-
-1. The services of a scene that are alive are ranked, in every process in the same way: in the order of the scene file,
-   or, when the file names no standby services, by rendezvous hashing (Thaler and Ravishankar, 1998): each service has
-   a weight in each scene, a hash of both names. A service that comes or goes moves only its own share of the scenes.
-2. One service owns the scene and publishes. The others stand by. In a shared scene only the next in rank listens.
-3. When the liveliness token of the owner disappears, the first of the others takes over LEFT_S later. When the owner
-   has published nothing for `takeover_s`, the first of the others takes over too, and the silent service is left out
-   of the ranking until it publishes again. Each next service waits `takeover_s` longer.
-4. In a shared scene the first in rank asks the owner to hand over. The owner answers with its state and is silent
-   from then on. If the new owner does not publish within `takeover_s`, rule 3 applies. In a scene with named standby
-   services an owner stays the owner until it stops, so that a service that crashes repeatedly does no harm.
-5. Every owner has an epoch, one higher than any epoch it has received. If two services publish, after a network was
-   split for example, the one with the lower epoch stands by as soon as it hears the other; at the same epoch the one
-   with the lower rank does.
-6. A service that has lost its own connection, or receives nothing from any present observer, does not take over: it
-   could reach no listener. It listens for `takeover_s` after that, also in a shared scene where it knows of no other
-   service any more: their tokens disappeared with the connection, and come back in any order.
-7. A service that took no step for `takeover_s` (SIGSTOP, swapped out) listens for as long before it publishes again,
-   because another service may be the owner by now. A service that knows of no other one goes on at once. One that
-   stands by waits twice as long for the owner, which may have been stopped too, and then goes on whatever its rank.
-8. In a shared scene a service whose token appears after this one has started owns nothing yet. If all others started
-   later, as when all services were restarted together, or there is none, this one listens for START_S.
-
-Times are seconds of a monotonic clock.
+The rules, by number: docs/design/fusion.md, "Several services". Times are seconds of a monotonic clock.
 """
 
 import hashlib

@@ -2,17 +2,8 @@
 
 The design: fusion.md, "Several services". SameIdDetector decides, and is pure; the others ask and listen.
 
-1. A message under this service's id with another session is only a suspicion: without certificates any process that
-   reaches the mesh can send one. A suspicion that nothing confirms lapses.
-2. The suspected process is then asked for its status, under this service's own exact key. ANSWERS answers with its
-   session confirm it.
-3. Of two, the one that stands by gives way to the one that publishes, then the one with the lower epoch, then the one
-   with the lower session. So both decide on the same one.
-4. One that is younger than YOUNG_S ends; until then it withholds its results, so that two that start together decide
-   nothing twice. An older one stands by for as long as the other answers and publishes, and goes on after
-   `takeover_s`, so that no other process can end it.
-
-Times are seconds of a monotonic clock.
+Of two processes the one that stands by gives way to the one that publishes, then the one with the lower epoch, then the
+one with the lower session: both decide on the same one. Times are seconds of a monotonic clock.
 """
 
 import logging
@@ -143,7 +134,7 @@ class SameIdDetector:
         return any(suspect.is_confirmed(now_s) for suspect in self._suspects.values())
 
     def stance(self, epoch: int | None, now_s: float) -> Stance:
-        """What this service does now (3, 4). epoch: its own; None while it does not own the scene."""
+        """What this service does now. epoch: its own; None while it does not own the scene."""
         stance = Stance.GO_ON
         for session, suspect in self._suspects.items():
             if self._precedence(suspect, session, now_s) < (epoch is not None, epoch or 0, self._session):
@@ -162,7 +153,7 @@ class SameIdDetector:
         return now_s - suspect.published_s <= self._takeover_s
 
     def _precedence(self, suspect: Suspect, session: str, now_s: float) -> tuple[bool, int, str]:
-        """The larger one stays (3)."""
+        """The larger one stays."""
         return self._publishes(suspect, now_s), suspect.epoch, session
 
     def _drop_lapsed(self, now_s: float) -> None:

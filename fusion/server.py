@@ -16,7 +16,7 @@ from contextlib import suppress
 from itertools import islice
 
 from common import SECOND_NS
-from common.config import Scene, require_compatible
+from common.config import Scene
 from common.errors import LabanmeshError
 from common.inbox import Arrival
 from common.keys import scene_of
@@ -65,10 +65,9 @@ def serve(
     """Take part in the fusion of `scenes` as the service `own` until `stop` is set.
 
     shared: scenes that name no standby services are shared with all other services of these scenes. clock: Unix epoch
-    in ns; None: a SteadyClock. id_check: one that has begun already. Raises BadInput for scenes that one process cannot
-    serve, LabanmeshError when another process has this id.
+    in ns; None: a SteadyClock. id_check: one that has begun already. Raises LabanmeshError when another process has
+    this id.
     """
-    require_compatible(scenes)
     supervisor = Notifier.from_environment()
     if not (id_check or IdCheck(scenes, own, link)).is_free(stop):
         return

@@ -42,7 +42,7 @@ OUTSIDE_WORLD = {
 }
 IMPURE = {
     "the mesh, with threads and clocks": (
-        "common.inbox common.link common.lost_peers common.open_links common.status common.subsession "
+        "common.inbox common.link common.open_links common.status common.subsession "
         "deploy.doctor.mesh deploy.security.routing "
         "fusion.fall_watch fusion.ingest fusion.membership fusion.person_worker "
         "fusion.publisher fusion.same_id fusion.scene_worker fusion.service "

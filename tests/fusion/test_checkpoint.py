@@ -9,7 +9,7 @@ import pytest
 from common.config import FusionConfig, ObserverConfig, Scene, read_scene
 from common.messages import OngoingMovement, VerdictMessage
 from common.vocabulary import Vocabulary
-from fusion.checkpoint import FILE_LIMIT, Checkpoint, CheckpointFile
+from fusion.checkpoint import FILE_LIMIT, MEMORY_SUFFIX, Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.engine.trust import Reliability
 
@@ -50,8 +50,13 @@ def test_a_verdict_is_unfinished_while_its_own_movement_goes_on(checkpoint):
 
 @pytest.fixture
 def path(tmp_path, checkpoint):
-    CheckpointFile(tmp_path / "m.json").write(checkpoint)
-    return tmp_path / "m.json"
+    CheckpointFile(tmp_path / f"m.a{MEMORY_SUFFIX}").write(checkpoint)
+    return tmp_path / f"m.a{MEMORY_SUFFIX}"
+
+
+def of_one_service(path):
+    """The file that one service alone writes, in a folder with those of others."""
+    return CheckpointFile(path, "a", "m.")
 
 
 def test_it_is_read_back_for_its_scene_alone(path, checkpoint):
@@ -96,7 +101,7 @@ def test_a_file_that_cannot_be_written_is_reported_once(tmp_path, checkpoint, ca
 
 
 def test_a_line_is_added_for_what_has_changed_until_the_file_is_long(path, checkpoint):
-    file, sizes = CheckpointFile(path), [0]
+    file, sizes = of_one_service(path), [0]
     verdict = verdict_of(checkpoint, "bow")
     for second in range(400):
         newest = moved(checkpoint, second, verdict=verdict if second else None)
@@ -108,7 +113,7 @@ def test_a_line_is_added_for_what_has_changed_until_the_file_is_long(path, check
 
 
 def test_a_last_line_that_was_cut_off_costs_only_itself(path, checkpoint):
-    file, verdict = CheckpointFile(path), verdict_of(checkpoint, "bow")
+    file, verdict = of_one_service(path), verdict_of(checkpoint, "bow")
     before, newest = moved(checkpoint, 1, verdict=verdict), moved(checkpoint, 2, verdict=verdict)
     file.write(before)
     whole = path.read_bytes()
@@ -121,17 +126,16 @@ def test_a_last_line_that_was_cut_off_costs_only_itself(path, checkpoint):
 
 
 @pytest.mark.parametrize(
-    "disturb",
+    ("make", "disturb"),
     [
-        lambda path, other: path.unlink(),
-        lambda path, other: path.write_bytes(path.read_bytes()[:-10]),
-        lambda path, other: path.write_text(other.to_json()),
-        lambda path, other: CheckpointFile(path, "other").write(other),
+        (of_one_service, lambda path, other: path.unlink()),
+        (CheckpointFile, lambda path, other: path.write_text(other.to_json())),
+        (CheckpointFile, lambda path, other: CheckpointFile(path, "other").write(other)),
     ],
 )
-def test_a_file_that_somebody_else_changed_is_written_whole_again(path, checkpoint, disturb):
+def test_a_file_that_somebody_else_changed_is_written_whole_again(path, checkpoint, make, disturb):
     """Services on one machine may share a file; each leaves its own newest state."""
-    file, verdict = CheckpointFile(path, "own"), verdict_of(checkpoint, "bow")
+    file, verdict = make(path), verdict_of(checkpoint, "bow")
     for second in range(3):
         file.write(moved(checkpoint, second, verdict=verdict))
         disturb(path, moved(checkpoint, second, verdict=verdict_of(checkpoint, "lunge")))
@@ -141,7 +145,7 @@ def test_a_file_that_somebody_else_changed_is_written_whole_again(path, checkpoi
 
 
 def test_on_a_full_disk_the_last_line_stays_readable(path, checkpoint, caplog, monkeypatch):
-    file = CheckpointFile(path)
+    file = of_one_service(path)
     file.write(moved(checkpoint, 1))
     with monkeypatch.context() as full:
         full.setattr("os.write", lambda descriptor, line, write=os.write: write(descriptor, line[:100]))

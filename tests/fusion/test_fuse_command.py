@@ -5,10 +5,10 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from common.config import read_scene, require_compatible
+from common.config import read_scene
 from common.errors import BadInput
 from common.keys import SceneKeys
-from fusion.commands import scene_files
+from fusion.commands import require_compatible, scene_files
 from fusion.same_id import IdCheck
 from fusion.server import SteadyClock
 

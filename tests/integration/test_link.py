@@ -18,7 +18,7 @@ from common import link
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
-from common.lost_peers import LOOKS, LostPeers
+from common.open_links import LOOKS, LostPeers
 from labanmesh_testing.mesh import Mesh
 
 FREE = MeshConfig(endpoint="tcp/127.0.0.1:0")
