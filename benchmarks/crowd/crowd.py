@@ -99,7 +99,7 @@ class CrowdCounts:
     """Counts of a run. ages_s: age of the newest frame in each judgement when it arrives.
 
     done: by scene, the labels of the movements that are over; ended: those of the ended verdicts; endings: by verdict
-    id, the labels with which it ended. late_s: the crowd's own greatest delay.
+    id, the labels with which it ended. judges: by scene, who judged last. late_s: the crowd's own greatest delay.
     """
 
     put: int = 0
@@ -108,6 +108,7 @@ class CrowdCounts:
     done: dict[str, list[str]] = field(default_factory=dict)
     ended: dict[str, list[str]] = field(default_factory=dict)
     endings: dict[str, list[str]] = field(default_factory=dict)
+    judges: dict[str, str] = field(default_factory=dict)
     late_s: float = 0.0
 
     @property
@@ -202,6 +203,7 @@ class Crowd:
             judgement = msgpack.unpackb(arrival.payload)
             ages = [vote["age_s"] for vote in judgement["votes"].values() if vote["age_s"] is not None]
             self.counts.judgements += 1
+            self.counts.judges[judgement["scene"]] = judgement["fusion"]
             if ages:
                 self.counts.ages_s.append((arrival.arrived_ns - judgement["at_ns"]) / SECOND_NS + min(ages))
         for arrival in self._verdicts.take(0):

@@ -89,14 +89,24 @@ def scene_of(observers, labels):
 
 @pytest.mark.parametrize(
     ("observers", "labels", "fault"),
-    [(4, 20, None), (200, 1000, None), (600, 20, "600 observers and 20 movements"), (1, 4400, "4400 movements take")],
+    [
+        (4, 20, None),
+        (40, 200, None),
+        (200, 1000, None),
+        (600, 20, "600 observers and 20 movements"),
+        (1, 4400, "4400 movements take"),
+    ],
 )
 def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
     scene = scene_of(observers, labels)
     if fault is None:
         message_checks.require_fits(scene)
-        votes = dict.fromkeys(scene.roster, vote(label=scene.vocabulary[0], p=[1 / labels] * labels, doubles={}))
-        assert len(encode(verdict(p=[1 / labels] * labels, votes=votes))) <= SIZE_LIMIT
+        p, label = [1 / labels] * labels, scene.vocabulary[0]
+        votes = dict.fromkeys(scene.roster, vote(label=label, p=p, doubles={}, root_p=roots_of(np.array(p)).tolist()))
+        assert len(encode(verdict(p=p, votes=votes))) <= SIZE_LIMIT
+        if observers <= 40:
+            received = decode(JudgementMessage, encode(judgement(p=p, votes=votes, label=label)))
+            assert {len(each.p) for each in received.votes.values()} == {labels}, "all that a standby service needs"
         return
     with pytest.raises(BadInput, match=fault) as caught:
         message_checks.require_fits(scene)

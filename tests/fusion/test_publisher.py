@@ -190,6 +190,14 @@ def test_full_votes_come_first_at_the_start_and_then_only_while_somebody_wants_t
         assert decode(JudgementMessage, payload) == judgement.model_copy(update={"votes": exact})
 
 
+def test_a_revision_is_a_line_in_the_log(played, session, caplog):
+    caplog.set_level("INFO", "labanmesh.fusion")
+    (scene, judgement), (decided, *_) = played, played[0].verdicts
+    revised = decided.model_copy(update={"stage": "revised", "revises": decided.label, "label": LABELS[1]})
+    VerdictPublisher(session, SceneKeys("dojo"), scene.engine, None).publish([revised], judgement, VOCABULARY, 0.0)
+    assert caplog.messages[-1].endswith(f": {LABELS[1]}, 4 of 4 agree, revised from {decided.label}")
+
+
 def test_full_votes_may_be_in_every_judgement(judgements, session):
     publish(judgements, session, full_votes=True)
     assert session.payloads("judgement") == [encode(judgement, full=True) for judgement in judgements]
