@@ -38,6 +38,11 @@ class PeopleConfig(Section):
         return self
 
     @property
+    def judged(self) -> tuple[str | None, ...]:
+        """The names of the people who are judged apart; None stands for the only one."""
+        return self.ids if self.most > 1 else (None,)
+
+    @property
     def ids(self) -> tuple[str, ...]:
         """The names of all `most` people, as messages have them."""
         return tuple(self.names[n] if n < len(self.names) else str(n + 1) for n in range(self.most))

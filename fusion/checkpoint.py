@@ -91,7 +91,7 @@ class CheckpointFile:
         self._read_failed = self._write_failed = False
 
     @classmethod
-    def of(cls, scene: Scene, own: str, person: str = "") -> "CheckpointFile | None":
+    def of(cls, scene: Scene, own: str, person: str | None = None) -> "CheckpointFile | None":
         """The file of the service `own`; None if the scene file wants none, or the scene comes from no file.
 
         person: the one of several people whose movements it keeps. Where `fusion.memory` names nothing it is
@@ -196,11 +196,9 @@ class CheckpointFile:
         self._temporary.replace(self._path)
 
 
-def checkpoint_files(scene: Scene, own: str) -> dict[str, CheckpointFile]:
-    """The files of the service `own` by person, "" for the only one; none if the scene file wants none, or the scene
-    comes from no file."""
-    people = scene.people.ids if scene.people.most > 1 else ("",)
-    files = {person: CheckpointFile.of(scene, own, person) for person in people}
+def checkpoint_files(scene: Scene, own: str) -> dict[str | None, CheckpointFile]:
+    """The files of the service `own` by person; none if the scene file wants none, or the scene comes from no file."""
+    files = {person: CheckpointFile.of(scene, own, person) for person in scene.people.judged}
     return {person: file for person, file in files.items() if file is not None}
 
 

@@ -54,12 +54,11 @@ class FallWatch:
         self._session = service.link.sub_session(polled=service.polled)
         self._postures = self._session.newest(*map(scene.keys.posture, scene.roster))
         publisher = self._session.publisher(scene.keys.fall, priority="high")
-        ids = scene.people.ids if scene.people.most > 1 else (None,)
         self._watched = [
             _WatchedPerson(
                 scene, service, after_s, publisher, memory if n == 0 else _beside(memory, str(person)), person
             )
-            for n, person in enumerate(ids)
+            for n, person in enumerate(scene.people.judged)
         ]
         self._session.answer(scene.keys.fall, self._answers)
         self._seen: dict[str, tuple[int, PostureMessage]] = {}

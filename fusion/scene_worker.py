@@ -8,13 +8,13 @@
 """
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.clock_skew import ClockQuerier
 from common.config import Scene
-from common.inbox import Arrival
+from common.inbox import Arrival, Inbox, NewestMessages
 from common.load import LoadMeter
 from common.messages import JudgementMessage, ObserverPosterior, VerdictMessage
 from common.status import ProcessStatus
@@ -36,8 +36,6 @@ RECEPTION_TIMEOUT_S = 0.3
 """A service that has received no posterior for so long is disconnected itself, rather than the owner silent."""
 TOGETHER_S = 3.0
 """Who comes so long after the first posterior comes into a scene that runs: no observer is waited for."""
-ALONE = ""
-"""Stands for the only person of a scene that judges one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,46 +75,52 @@ class SceneWorker:
         new_engine: Callable[[Vocabulary, str | None], FusionEngine],
         vocabulary: Vocabulary,
         status: ProcessStatus,
-        files: Mapping[str, CheckpointFile],
+        files: Mapping[str | None, CheckpointFile],
         hand_over: Callable[[str], bytes | None],
     ) -> None:
         """new_engine: makes the engine of a person; None: of the only one. hand_over: called between two steps with the
         id of a service that asks for the scene.
         """
-        self._scene, self._own, self._status = scene, service.own, status
-        self._clock, self._ticks, self._link = service.clock, service.ticks, service.link
+        self._scene, self._service, self._status, keys = scene, service, status, scene.keys
         self.duty, self._reachable = Duty(), Reachability()
-        keys, is_one = scene.keys, scene.people.most == 1
         self._session = service.link.sub_session(polled=service.polled)
         # Always polled: ownership changes between two steps only.
         self._requests = service.link.sub_session(polled=True)
-        self._requests.answer_requests(
-            keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
-        )
-        # With many scenes by whole keys: with 250 wildcards, which Zenoh tries one by one, a message costs ten times as
-        # much. With few scenes the server has one inbox.
-        names = [*map(keys.posterior, scene.roster)] if service.polled else ()
-        self._posteriors = self._session.newest(*names) if is_one else self._session.inbox(*names)
+        self._posteriors = self._subscribed()
         self.present = self._session.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
-        self._workers = {
+        self._workers: Mapping[str | None, PersonWorker] = {
             person: PersonWorker(
-                scene, service, new_engine(vocabulary, person or None), status, files.get(person), self._session,
-                self.duty, self._is_reachable,
+                scene, service, new_engine(vocabulary, person), status, files.get(person), self._session, self.duty,
+                self._is_reachable,
             )
-            for person in ((ALONE,) if is_one else scene.people.ids)
+            for person in scene.people.judged
         }  # fmt: skip
         self._first = next(iter(self._workers.values()))
-        self.people = None if is_one else ScenePeople(scene.people.ids)
+        self.people = ScenePeople(scene.people.ids) if scene.people.most > 1 else None
         self._ingest = PosteriorIngest(self._first.engine)
         self._by_person = None if self.people is None else PeopleIngest(self.people, self._first.engine.roster.skew_s)
-        status_keys = keys.observer_status()
-        self._clocks = ClockQuerier(self._session, status_keys, self._clock, service.wake, service.ask_clocks_s)
+        status_keys, every_s = keys.observer_status(), service.ask_clocks_s
+        self._clocks = ClockQuerier(self._session, status_keys, service.clock, service.wake, every_s)
         self._vocabulary = encode_vocabulary(scene.scene, vocabulary, service.own)
+        self._answer(hand_over)
+        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", OVERLOAD_WAY_OUT)
+        self._first_ns: int | None = None
+
+    def _subscribed(self) -> Inbox | NewestMessages:
+        """What receives posteriors of many scenes; with few scenes the server has one inbox."""
+        # By whole keys: with 250 wildcards, which Zenoh tries one by one, a message costs ten times as much.
+        names = [*map(self._scene.keys.posterior, self._scene.roster)] if self._service.polled else ()
+        return self._session.newest(*names) if self._scene.people.most == 1 else self._session.inbox(*names)
+
+    def _answer(self, hand_over: Callable[[str], bytes | None]) -> None:
+        """Answer late joiners, and services that ask for the scene."""
+        keys = self._scene.keys
+        self._requests.answer_requests(
+            keys.fusion_handover(self._service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
+        )
         self._session.answer(keys.vocabulary, lambda: self._vocabulary)
         self._session.answer(keys.judgement, self._last_judgements)
         self._session.answer(keys.verdict, self._last_verdicts)
-        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", OVERLOAD_WAY_OUT)
-        self._first_ns: int | None = None
 
     @property
     def complaint(self) -> str:
@@ -136,16 +140,14 @@ class SceneWorker:
         """Receive `arrivals` and everything else that has arrived; the result has the cases of all people."""
         self._session.poll()
         arrivals = arrivals or self._posteriors.take()
-        self._received_s = self._ticks() if arrivals else self._received_s
+        self._received_s = self._service.ticks() if arrivals else self._received_s
         read = newest(arrivals, NEWEST * len(self._workers))
-        self._load.record(round(self._ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
-        posteriors = self._ingest.read(read, self._clock())
-        of_person: Mapping[str, Iterable[ObserverPosterior]] = {ALONE: posteriors}
-        if self._by_person is not None:
-            of_person = self._sorted(self._by_person, list(posteriors))
+        self._load.record(round(self._service.ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
+        posteriors = self._ingest.read(read, self._service.clock())
+        of_people = {} if self._by_person is None else self._sorted(self._by_person, list(posteriors))
         each = []
         for person, worker in self._workers.items():
-            own = of_person.get(person, ())
+            own = posteriors if person is None else of_people.get(person, ())
             if own or self._is_judged(person):
                 now_ns, case = worker.collect(own, self._ingest, self.present)
                 if case is not None:
@@ -174,7 +176,7 @@ class SceneWorker:
 
     def _is_reachable(self) -> bool:
         return self._scene.mesh.mode != "router" or self._reachable.update(
-            self._link.connected, self._received_s, self._ticks()
+            self._service.link.connected, self._received_s, self._service.ticks()
         )
 
     def is_receiving(self, now_s: float) -> bool:
@@ -191,7 +193,7 @@ class SceneWorker:
         whether nothing is left to publish; to be called at every step.
         """
         is_reachable = self._is_reachable()
-        lost_from_s = self._reachable.lost_from(self._ticks())
+        lost_from_s = self._reachable.lost_from(self._service.ticks())
         reconciled = [worker.reconcile(lost_from_s) for worker in self._workers.values()]
         return is_reachable and all(reconciled)
 
@@ -207,20 +209,20 @@ class SceneWorker:
     @property
     def observed_vocabulary(self) -> str | None:
         """The hash of the vocabulary in which the observers of most people publish; None if there is no majority."""
-        now_ns = self._clock()
+        now_ns = self._service.clock()
         known = [worker.engine.roster.majority(now_ns) for worker in self._workers.values()]
         return max(filter(None, known), key=known.count, default=None)
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Fuse posteriors in `vocabulary` from now on."""
-        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
+        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._service.own)
         for worker in self._workers.values():
             worker.change_vocabulary(vocabulary, self._vocabulary)
         log.info("%s: new vocabulary: %s", self._scene.scene, ", ".join(vocabulary.labels))
 
     def take_times(self, vocabulary: Vocabulary) -> None:
         """Take the durations of the same movements in `vocabulary`; the owner publishes them with the next step."""
-        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._own)
+        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary, self._service.own)
         for worker in self._workers.values():
             worker.engine.take_times(vocabulary)
 
@@ -245,31 +247,31 @@ class SceneWorker:
         self, ingest: PeopleIngest, posteriors: Sequence[ObserverPosterior]
     ) -> Mapping[str, Sequence[ObserverPosterior]]:
         """The posteriors by person, each of whom is told where they are."""
-        now_ns, before = self._clock(), ingest.people.present
+        now_ns, before = self._service.clock(), ingest.people.present
         if posteriors and self._first_ns is None:
             self._first_ns = now_ns
         result = ingest.sort(posteriors, now_ns)
-        for person in ingest.people.present:
+        for each in ingest.people.present:
             # Not all observers need to see somebody who comes into a scene that runs.
-            if person not in before and abs(now_ns - (self._first_ns or now_ns)) > TOGETHER_S * SECOND_NS:
-                self._workers[person].engine.wait_for_roster(0)
+            if each not in before and abs(now_ns - (self._first_ns or now_ns)) > TOGETHER_S * SECOND_NS:
+                self._workers[each].engine.wait_for_roster(0)
         for person, worker in self._workers.items():
-            place = ingest.people.place(person, now_ns)
-            worker.engine.place = None if place is None else [round(each, 2) for each in place]
+            place = None if person is None else ingest.people.place(person, now_ns)
+            worker.engine.place = None if place is None else [round(metres, 2) for metres in place]
         return result
 
-    def _is_judged(self, person: str) -> bool:
+    def _is_judged(self, person: str | None) -> bool:
         worker = self._workers[person]
         return worker is self._first or self.people is None or person in self.people.present or not worker.at_rest
 
     def _worker_of(self, message: JudgementMessage) -> PersonWorker:
-        return self._workers.get(message.person or ALONE, self._first)
+        return self._workers.get(message.person, self._first)
 
     def _align(self, messages: Sequence[JudgementMessage]) -> None:
         """Call the people here as the owner does."""
         places = {each.person: each.place for each in messages if each.person is not None and each.place is not None}
         if places and self.people is not None:
-            self.people.align(places, self._clock())
+            self.people.align(places, self._service.clock())
 
     def _last_judgements(self) -> list[bytes]:
         """Of each person; the owner alone has them for late joiners."""

@@ -40,8 +40,8 @@ class StandbyListener:
         self._inbox = self._session.inbox(scene.keys.judgement, scene.keys.verdict, remote=True)
         self._answers = Inbox()
         self._session.request(scene.keys.judgement, self._answers.put, ANSWER_TIMEOUT_S)
-        self._judgements: dict[str, bytes] = {}
-        self._verdicts: dict[str, bytes] = {}
+        self._judgements: dict[str | None, bytes] = {}
+        self._verdicts: dict[str | None, bytes] = {}
         self._decoded_s = float("-inf")
         self._warned = False
         self.foreign: JudgementMessage | None = None
@@ -59,12 +59,12 @@ class StandbyListener:
         for arrival in self._answers.take(0):
             message = self._decode(arrival, vocabulary)
             # What has been published since is newer.
-            if message is not None and (message.person or "") not in self._judgements:
+            if message is not None and message.person not in self._judgements:
                 yield self._keep(message, arrival.payload)
         every = every or self._scene.people.most > 1
         for arrival in self._inbox.take(0):
             if arrival.key != self._scene.keys.verdict and not every and now_s - self._decoded_s < DECODE_EVERY_S:
-                self._judgements[""] = arrival.payload
+                self._judgements[None] = arrival.payload
                 yield None
                 continue
             message = self._decode(arrival, vocabulary)
@@ -95,7 +95,7 @@ class StandbyListener:
         last = self._verdicts if isinstance(message, VerdictMessage) else self._judgements
         # Names can be invented.
         if message.person is None or message.person in self._scene.people.ids:
-            last[message.person or ""] = payload
+            last[message.person] = payload
         return message
 
     def checkpoint(self) -> Checkpoint | None:
@@ -106,7 +106,7 @@ class StandbyListener:
             log.warning("%s: the last messages of the owner cannot be used: %s", self._scene.scene, error)
             return None
 
-    def _checkpoint(self, person: str) -> Checkpoint | None:
+    def _checkpoint(self, person: str | None) -> Checkpoint | None:
         """Of one person, or of the only one; raises BadMessage."""
         keys, judgement, verdict = self._scene.keys, self._judgements.get(person), self._verdicts.get(person)
         decided = None if verdict is None else decode_from(keys.verdict, VerdictMessage, verdict)
