@@ -56,7 +56,7 @@ class Conditions:
         self._config, self._hold_ns = config, config.hold_s * SECOND_NS
         self._durations = durations_of(config, vocabulary)
         self.state = IDLE
-        self._movement, self._held = BEFORE, NO_LABEL
+        self._movement, self._held, self._ended = BEFORE, NO_LABEL, ("", 0)
         self._heard: Heard | None = None
         self._quiet: Quiet | None = None
         self._last_ns = 0
@@ -166,11 +166,13 @@ class Conditions:
         if after_outage_ns is not None and 0 <= at_ns - after_outage_ns < NOTICED_NS:
             carried = ANY
         unseen, self._quiet = self.state is IDLE and self._movement.unseen, None
-        self._movement = MovementProgress(at_ns, None, carried, self.waits, unseen)
+        after = self._ended[0] if at_ns - self._ended[1] <= NOTICED_NS else ""
+        self._movement = MovementProgress(at_ns, None, carried, self.waits, unseen, after)
         if held.agreed_ns is not None:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
     def _finish(self) -> None:
+        self._ended = self._decision.label, self._last_ns
         self.state, self._movement, self._quiet = IDLE, NOTHING, None
 
     def nameable(self, step: SegmentStep) -> str | None:
@@ -186,10 +188,11 @@ class Conditions:
 
     def is_short(self, at_ns: int, label: str | None) -> bool:
         """Whether the person has moved for too short a time for a movement with this label, or without one (rule 1)."""
-        carried, moved_until_ns = self._movement.carried, at_ns if self._resting is None else self._resting.since_ns
-        least_ns = self.lasting(carried).least_ns if carried is not None and label in (None, carried) else 0.0
-        unseen_ns = NOTICED_NS if label is None and self._movement.unseen else 0.0
-        return moved_until_ns - self._movement.began_ns < max(self._hold_ns, least_ns, unseen_ns)
+        movement, moved_until_ns = self._movement, at_ns if self._resting is None else self._resting.since_ns
+        before = movement.carried or (movement.after if label is None else "")
+        least_ns = self.lasting(before).least_ns if before and label in (None, before) else 0.0
+        unseen_ns = NOTICED_NS if label is None and movement.unseen else 0.0
+        return moved_until_ns - movement.began_ns < max(self._hold_ns, least_ns, unseen_ns)
 
     def renamed(self) -> str | None:
         """The label that replaces the decided one at rest (rule 6)."""

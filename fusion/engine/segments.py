@@ -109,6 +109,7 @@ class MovementProgress:
 
     carried: the label that observers held before it began; ANY: any may be. early: it began before each observer had.
     unseen: it began before the person was seen idle for the first time, so that rest may be noticed late (rule 1).
+    after: the label of a movement that ended at most `NOTICED_S` before (rule 1).
     outage_ns: when it was seen last before an outage that may have hidden its end. contested: the last label that would
     have been decided if no observer had voted for another one.
     """
@@ -118,6 +119,7 @@ class MovementProgress:
     carried: str | None = None
     early: bool = False
     unseen: bool = False
+    after: str = ""
     outage_ns: int | None = None
     contested: str | None = None
 

@@ -121,6 +121,15 @@ def test_what_follows_a_pause_and_is_far_shorter_than_any_take_is_no_movement(sh
     assert len({began for _, _, began, _ in verdicts}) == movements
 
 
+@pytest.mark.parametrize(("steps", "movements"), [(4, 1), (9, 2)])
+def test_nor_is_what_follows_if_another_label_was_likelier_at_rest(steps, movements):
+    """One of two observers takes a turn for rest, the other names another movement: seen when a third was killed."""
+    vocabulary = Vocabulary(VOCABULARY.labels, movements={"bow": MovementTimes(shortest_s=2.0)})
+    end = ("punch", 0.5, 0.05, 0.02, steps)
+    verdicts = words((*BOW, 16), ("punch", 0.5, 0.95, 0.02, 5), end, (*REST, 14), vocabulary=vocabulary)
+    assert len({began for _, _, began, _ in verdicts}) == movements
+
+
 @pytest.mark.parametrize("restarted", [False, True], ids=["stands by", "starts"])
 def test_a_service_that_takes_over_goes_on_with_the_count(restarted):
     owner, second = EngineDriver(), EngineDriver()
