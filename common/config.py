@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from common.config_events import HistoryConfig, NotifyConfig
-from common.config_input import describe_fault, override
+from common.config_input import faults_of, override
 from common.config_people import PeopleConfig
 from common.config_sections import (
     FusionConfig,
@@ -27,7 +27,7 @@ from common.config_sections import (
     default_quorum,
 )
 from common.config_watch import WatchConfig
-from common.errors import BadInput, reason_of
+from common.errors import BadInput, Faults, noting, reason_of
 from common.files import expand_home, read_toml
 from common.keys import SceneKeys, identifier
 from common.text import plural
@@ -62,31 +62,41 @@ class Scene(Section):
 
     @model_validator(mode="after")
     def _is_consistent(self) -> "Scene":
-        _ = self.keys, self.named_vocabulary
-        identifier(self.fusion.id, "fusion.id")
-        for name in self.fusion.standby:
-            identifier(name, "fusion.standby")
+        faults: list[str] = []
+        with noting(faults):
+            _ = self.keys
+        with noting(faults):
+            _ = self.named_vocabulary
+        names = {"fusion.id": (self.fusion.id,), "fusion.standby": self.fusion.standby}
+        for what, each in {**names, "observers": self.observers, "notify": self.notify}.items():
+            for name in each:
+                with noting(faults):
+                    identifier(name, what)
+        with noting(faults):
+            self.watch.require_observers(self.observers)
+        faults += self._unfit()
+        if faults:
+            raise Faults(faults)
+        return self
+
+    def _unfit(self) -> Iterator[str]:
+        """The faults of keys that do not fit each other."""
         if len(set(self.services)) != len(self.services):
-            raise BadInput(f"fusion.standby = {list(self.fusion.standby)}: give each service an id of its own")
+            yield f"fusion.standby = {list(self.fusion.standby)}: give each service an id of its own"
         if not self.observers:
-            raise BadInput('no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"')
-        for name in self.observers:
-            identifier(name, "observers")
-        strange = [label for label in self.fusion.periodic or () if label not in (self.vocabulary or (label,))]
-        if strange:
-            known = ", ".join(self.vocabulary or ())
-            raise BadInput(f"fusion.periodic = {strange[0]!r}: no movement of the vocabulary; known: {known}")
-        for name in self.notify:
-            identifier(name, "notify")
-            if bool(self.notify[name].url) == bool(self.notify[name].url_file):
-                raise BadInput(f"notify.{name}: needs url, or url_file with the name of a file that holds it")
-        self.watch.require_observers(self.observers)
-        if self.fusion.quorum > len(self.observers):
-            raise BadInput(
+            yield 'no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"'
+        known = self.vocabulary or self.fusion.periodic or ()
+        for label in self.fusion.periodic or ():
+            if label not in known:
+                yield f"fusion.periodic = {label!r}: no movement of the vocabulary; known: {', '.join(known)}"
+        for name, channel in self.notify.items():
+            if bool(channel.url) == bool(channel.url_file):
+                yield f"notify.{name}: needs url, or url_file with the name of a file that holds it"
+        if self.fusion.quorum > len(self.observers) > 0:
+            yield (
                 f"fusion.quorum = {self.fusion.quorum}: the scene has {plural(len(self.observers), 'observer')}, and "
                 f"no more can agree; choose {f'1 to {len(self.observers)}' if len(self.observers) > 1 else 1}"
             )
-        return self
 
     @property
     def keys(self) -> SceneKeys:
@@ -175,18 +185,20 @@ def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
 def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scene:
     """Read the scene file at `path`, overridden by LABANMESH_... in `environment` (default: the process's).
 
-    Raises BadInput, one line that names file, key, value and rule.
+    Raises Faults: a line each that names file, key, value and rule; BadInput for what is not TOML.
     """
     table = _parse(path)
-    override(table, Scene, os.environ if environment is None else environment)
+    faults = override(table, Scene, os.environ if environment is None else environment)
+    _set_defaults(table)
+    _resolve_credentials(table, path.absolute().parent)
     try:
-        _set_defaults(table)
-        _resolve_credentials(table, path.absolute().parent)
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        raise BadInput(f"{path}: {describe_fault(error, Scene)}") from None
-    except BadInput as error:
-        raise BadInput(f"{path}: {error}") from None
+        faults += [f"{path}: {line}" for line in faults_of(error, Scene)]
+    except Faults as error:
+        faults += [f"{path}: {line}" for line in error.faults]
+    if faults:
+        raise Faults(faults, f"labanmesh doctor {shlex.quote(str(path))}")
     scene._folder, scene._file = path.absolute().parent, path
     models = (os.environ if environment is None else environment).get(MODELS_VARIABLE)
     scene._models = expand_home(models) if models else None

@@ -12,7 +12,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from common.errors import BadInput
+from common.errors import BadInput, noting
 from common.text import nearest, without_secrets
 
 PREFIX = "LABANMESH_"
@@ -29,23 +29,21 @@ REMOVED_KEYS = {
 """Keys of the last release that are gone, and what to do instead; a line stays for one release."""
 
 
-def describe_fault(error: ValidationError, model: type[BaseModel]) -> str:
-    """One line for the most useful fault: key, value, rule and what would be right; and how many more there are.
+def faults_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """One line for each fault: key, value, rule and what would be right.
 
-    Unknown keys come first, all of them, because it is often the misspelled one that is reported as missing.
+    Unknown keys come first because it is often the misspelled one that is reported as missing.
     """
     faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
-    others = [".".join(map(str, fault["loc"])) for fault in faults[1:] if fault["type"] == "extra_forbidden"]
-    line = f"{_line(faults[0], model)}{'; also unknown: ' if others else ''}{', '.join(others)}"
-    more = len(faults) - 1 - len(others)
-    return f"{line} ({more} more)" if more else line
+    return [_line(fault, model) for fault in faults]
 
 
-def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping[str, str]) -> None:
-    """Write the overrides in `environment` into `table`, the scene file as parsed.
+def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping[str, str]) -> list[str]:
+    """Write the overrides in `environment` into `table`, the scene file as parsed; returns the faults, a line each.
 
-    Raises BadInput for a value of the wrong type, and for a variable that starts like a section but names no key.
+    A value of the wrong type is one, and a variable that starts like a section but names no key.
     """
+    faults: list[str] = []
     known = dict(_variables(model, table))
     sections = tuple(
         f"{PREFIX}{name.upper()}_" for name, field in model.model_fields.items() if _section(field.annotation)
@@ -53,9 +51,11 @@ def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping
     for variable in sorted(environment):
         if variable in known:
             place, field = known[variable]
-            _write(table, place, _value(variable, environment[variable], field))
+            with noting(faults):
+                _write(table, place, _value(variable, environment[variable], field))
         elif variable.startswith(sections):
-            raise BadInput(f"{variable}: unknown environment variable; {nearest(variable, known)}")
+            faults.append(f"{variable}: unknown environment variable; {nearest(variable, known)}")
+    return faults
 
 
 def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
@@ -73,6 +73,8 @@ def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
         of_list = named != place
         rule = f"item {int(place[-1]) + 1} is missing" if of_list else "missing; this key has no default"
         return f"{'.'.join(named)}: {rule}{_example(named[-1], field)}"
+    if kind == "value_error" and isinstance(value, dict):
+        return f"{key}.{_rule(fault['msg'])}"  # of several keys of one section; the rule begins with the key at fault
     section = key if place[0] != "observers" or len(place) > 2 else "observers.ID], e.g. [observers.cam1"
     rule = _rule(fault["msg"]).replace("[section]", f"[{section}]")
     way_out = _way_out(kind, value, named[-1], field) if named == place else _example(named[-1], field)

@@ -5,8 +5,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from common.config_sections import Section
-from common.errors import BadInput
-from common.keys import identifier
+from common.keys import IDENTIFIER
 from common.text import plural
 
 MOST_PEOPLE = 4
@@ -26,15 +25,15 @@ class PeopleConfig(Section):
     @model_validator(mode="after")
     def _names_fit(self) -> "PeopleConfig":
         for name in self.names:
-            if len(identifier(name, "people.names")) > NAME_LIMIT:
-                raise BadInput(f"people.names = {name!r}: a name has at most {NAME_LIMIT} characters")
+            if not IDENTIFIER.match(name) or len(name) > NAME_LIMIT:
+                raise ValueError(f"names = {name!r}: 1 to {NAME_LIMIT} characters of a-z, 0-9, _ and - are allowed")
         if len(self.names) > self.most:
-            raise BadInput(
-                f"people.names = {list(self.names)}: the scene judges {plural(self.most, 'person', 'people')} "
+            raise ValueError(
+                f"names = {list(self.names)}: the scene judges {plural(self.most, 'person', 'people')} "
                 f"(people.most); name no more, or set people.most = {len(self.names)}"
             )
         if len(set(self.ids)) != len(self.ids):
-            raise BadInput(f"people.names = {list(self.names)}: give each person a name of their own")
+            raise ValueError(f"names = {list(self.names)}: give each person a name of their own")
         return self
 
     @property

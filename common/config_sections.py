@@ -13,7 +13,6 @@ from pydantic import (
     model_validator,
 )
 
-from common.errors import BadInput
 from common.fusion_rules import DEFAULT_RULE
 
 MOST_SPEED = 1000.0
@@ -92,11 +91,12 @@ class MeshConfig(Section):
 
     @model_validator(mode="after")
     def _is_secured(self) -> "MeshConfig":
-        setting = f"mesh.credentials = {self.credentials!r}"
+        setting = f"credentials = {self.credentials!r}"
         if self.credentials and self.mode != "router":
-            raise BadInput(f'{setting}: only a router checks certificates; set mesh.mode = "router" or remove this key')
+            rule = 'only a router checks certificates; set mesh.mode = "router" or remove this key'
+            raise ValueError(f"{setting}: {rule}")
         if self.credentials and not self.endpoint.startswith(("tls/", "quic/")):
-            raise BadInput(f"{setting}: mesh.endpoint = {self.endpoint!r} is not encrypted; write tls/HOST:PORT")
+            raise ValueError(f"{setting}: mesh.endpoint = {self.endpoint!r} is not encrypted; write tls/HOST:PORT")
         return self
 
     def at(self, endpoint: str) -> "MeshConfig":
@@ -188,7 +188,7 @@ class ObserverConfig(Section):
     @model_validator(mode="after")
     def _has_a_mark_to_be_near(self) -> "ObserverConfig":
         if (self.follow == "nearest") != (self.follow_near is not None):
-            raise BadInput(
+            raise ValueError(
                 f'follow = "{self.follow}", follow_near = {self.follow_near}: follow = "nearest" needs a marked place,'
                 " follow_near = [u, v], and no other rule has one"
             )

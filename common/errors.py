@@ -1,7 +1,8 @@
 """Errors that people read: one line that names the value, the rule and the way out. Pure."""
 
 import errno
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 NO_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread")
@@ -18,6 +19,27 @@ class BadInput(LabanmeshError):  # noqa: N818 - it names whose fault it is, whic
     """Input from a person or a file is unusable; nothing was changed. The command line exits with status 2."""
 
     exit_status = 2
+
+
+class Faults(BadInput):
+    """Several faults of one input, a line each. The message is the first, with how many more there are.
+
+    faults: at least one. where_all: the command that lists all; "" where none does.
+    """
+
+    def __init__(self, faults: Sequence[str], where_all: str = "") -> None:
+        more = f" ({len(faults) - 1} more{f': {where_all}' * bool(where_all)})" if len(faults) > 1 else ""
+        super().__init__(faults[0] + more)
+        self.faults = tuple(faults)
+
+
+@contextmanager
+def noting(faults: list[str]) -> Iterator[None]:
+    """Adds a BadInput of the block to `faults`, so that further checks can run."""
+    try:
+        yield
+    except BadInput as error:
+        faults.append(str(error))
 
 
 def reason_of(error: OSError) -> str:

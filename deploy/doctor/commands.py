@@ -128,9 +128,9 @@ def _with_scene(
         scene = read_existing_scene(path)
     except MissingSceneFile:
         raise
-    except BadInput as error:
-        fault = str(error)
-        return run_checks([_machine_check(None, ()), Check("the scene file", SCENE_S, lambda: [unreadable(fault)])])
+    except BadInput as fault:
+        findings = unreadable(fault)
+        return run_checks([_machine_check(None, ()), Check("the scene file", SCENE_S, lambda: findings)])
     observers = scene.roster if here is None else here
     for name in observers:
         scene.observer(name)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from common.config import MODELS_VARIABLE, Scene, read_scene
-from common.errors import BadInput
+from common.errors import BadInput, Faults
 from common.message_checks import largest_judgement, require_fits
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -157,9 +157,10 @@ def check_scene(facts: SceneFacts) -> list[Finding]:
     return [finding for findings in checks for finding in findings]
 
 
-def unreadable(fault: str) -> Finding:
-    """The finding on a file that is no scene file, from the one line of the error."""
-    return from_fault("error", fault, SCENE_WAY_OUT)
+def unreadable(fault: BadInput) -> list[Finding]:
+    """The findings on a file that is no scene file."""
+    faults = fault.faults if isinstance(fault, Faults) else [str(fault)]
+    return [from_fault("error", each, SCENE_WAY_OUT) for each in faults]
 
 
 def _whole(facts: SceneFacts) -> Iterator[Finding]:

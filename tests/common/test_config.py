@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import MODELS_VARIABLE, Scene, read_scene
-from common.errors import BadInput
+from common.errors import BadInput, Faults
 
 LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "motion.npz"\n'
 
@@ -175,10 +175,38 @@ def test_line_ends_and_the_mark_of_other_editors_are_read(tmp_path):
     assert read_scene(tmp_path / "s.toml", {}).scene == "dojo"
 
 
-def test_all_unknown_keys_are_named_and_further_faults_are_counted(fault):
-    line = fault(LEAST + "speed = -1\nloop = 3\nsped = 1\nsorce = 1\n[fusion]\nruel = 1")
-    unknown = "observers.cam1.sped: unknown key; did you mean speed?; also unknown: observers.cam1.sorce, fusion.ruel"
-    assert line.endswith(f"{unknown} (2 more)")
+@pytest.mark.parametrize(
+    ("more", "faults"),
+    [
+        (
+            "speed = -1\nsped = 1\nsorce = 1\n[fusion]\nruel = 1\n[mesh]\ncredentials = 'mesh'",
+            [
+                "observers.cam1.sped:",
+                "observers.cam1.sorce:",
+                "fusion.ruel:",
+                "mesh.credentials",
+                "observers.cam1.speed",
+            ],
+        ),
+        (
+            'follow = "nearest"\n[people]\nmost = 1\nnames = ["a", "b"]\n[fusion]\nperiodic = 3',
+            ["observers.cam1.follow = ", "people.names = ['a', 'b']", "fusion.periodic = 3"],
+        ),
+        (
+            '[observers.Cam2]\nsource = "0"\n[notify.door]\n[fusion]\nstandby = ["fusion"]\nquorum = 3',
+            ["observers = 'Cam2'", "notify.door: needs url", "fusion.standby = ['fusion']", "fusion.quorum = 3"],
+        ),
+    ],
+)
+def test_all_faults_are_listed_and_the_message_is_the_first(scene, tmp_path, more, faults):
+    with pytest.raises(Faults) as caught:
+        scene(LEAST + more, LABANMESH_FUSION_IDS="x")
+    file = tmp_path / "scene.toml"
+    begins = ["LABANMESH_FUSION_IDS: unknown", *(f"{file}: {fault}" for fault in faults)]
+    for begin in begins:
+        assert sum(fault.startswith(begin) for fault in caught.value.faults) == 1, begin
+    assert len(caught.value.faults) == len(begins)
+    assert str(caught.value) == f"{caught.value.faults[0]} ({len(begins) - 1} more: labanmesh doctor {file})"
 
 
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path):

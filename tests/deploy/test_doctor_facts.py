@@ -25,6 +25,7 @@ from deploy.doctor.scene_file import (
     read_existing_scene,
     scene_facts,
     scenes_in,
+    unreadable,
 )
 
 
@@ -178,6 +179,12 @@ def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path):
     with pytest.raises(BadInput) as caught:
         read_existing_scene(tmp_path / "bad.toml")
     assert not isinstance(caught.value, MissingSceneFile)
+    (tmp_path / "bad.toml").write_text('scene = "d"\n[observers.a]\nsorce = "0"\nspeed = -1\n')
+    with pytest.raises(BadInput) as caught:
+        read_existing_scene(tmp_path / "bad.toml")
+    findings = [finding.what.partition(": ")[2] for finding in unreadable(caught.value)]
+    assert [what.split()[0] for what in findings] == ["observers.a.sorce:", "observers.a.source:", "observers.a.speed"]
+    assert {finding.mark for finding in unreadable(caught.value)} == {"error"}
 
 
 def test_scene_files_in_the_folder_are_named(tmp_path):
