@@ -3,7 +3,6 @@
 1. No key is ever overwritten: each certificate has a folder of its own, named by its common name.
 2. The register is replaced as a whole, last, so that a crash leaves the old one or the new one.
 3. A lock file orders processes that change the register at the same time: each reads it anew under the lock.
-4. The router's configuration is written anew at each change.
 """
 
 import fcntl
@@ -20,9 +19,8 @@ from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import read_text, replace_file, sync_folder
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 from deploy.security.register import IssuedCertificate, Register, Roles
-from deploy.security.router_config import listening, router_config
 
-AUTHORITY_KEY, REGISTER, ROUTER, LOCK = "ca-key.pem", "register.json", "router.json5", "lock"
+AUTHORITY_KEY, REGISTER, LOCK = "ca-key.pem", "register.json", "lock"
 SECURE_FOLDER = "secure"
 """The authority's folder, beside the scene file."""
 
@@ -105,10 +103,11 @@ class Authority:
             _write_new(place / KEY_FILE, pair.key, 0o600)
 
     def _write(self, register: Register) -> None:
-        _replace(self.folder / REGISTER, register.to_json())
-        mesh = self.scenes[0].mesh
-        if mesh.credentials:
-            _replace(self.folder / ROUTER, router_config(self.scenes, register, [listening(mesh.endpoint)]))
+        path = self.folder / REGISTER
+        with _writing(path):
+            replace_file(path, register.to_json().encode(), 0o644)
+            # No secret is in it; the router may run as another user, whatever the umask is.
+            path.chmod(0o644)
 
 
 def read_scenes(paths: Sequence[Path]) -> tuple[Scene, ...]:
@@ -212,8 +211,6 @@ def _locked(folder: Path) -> Iterator[None]:
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder; labanmesh secure init SCENE makes an authority")
     with _writing(folder), os.fdopen(os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600), "rb") as file:
-        # Earlier versions left it open to everybody.
-        os.fchmod(file.fileno(), 0o600)
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
@@ -238,10 +235,3 @@ def _write_new(path: Path, content: bytes, mode: int) -> None:
         file.flush()
         os.fsync(file.fileno())
     sync_folder(path.parent)
-
-
-def _replace(path: Path, text: str) -> None:
-    with _writing(path):
-        replace_file(path, text.encode(), 0o644)
-        # No secrets in these; the router may run as another user, whatever the umask is.
-        path.chmod(0o644)

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from common.errors import BadInput
 
 REGISTER_VERSION = 2
-"""Of the file's form; version 1, of one scene, is still read."""
+"""Of the file's form."""
 TABLE_HEAD = ("certificate", "for", "state", "days left", "expires")
 
 
@@ -97,13 +97,10 @@ class IssuedCertificate(BaseModel):
 
 
 class _File(BaseModel):
-    """The register's file; `scene`: that of version 1."""
-
     model_config = ConfigDict(extra="forbid")
-    version: int = 1
-    scene: str = ""
-    scenes: tuple[str, ...] = ()
-    certificates: list[IssuedCertificate] = []
+    version: int
+    scenes: tuple[str, ...]
+    certificates: list[IssuedCertificate]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +150,7 @@ class Register:
     def to_json(self) -> str:
         """The register as text, which `from_json` reads."""
         file = _File(version=REGISTER_VERSION, scenes=self.scenes, certificates=list(self.certificates))
-        return file.model_dump_json(indent=1, exclude={"scene"}) + "\n"
+        return file.model_dump_json(indent=1) + "\n"
 
     @classmethod
     def from_json(cls, text: str, where: str) -> "Register":
@@ -165,13 +162,12 @@ class Register:
             at = ".".join(str(part) for part in first["loc"])
             fault = f"{where}: not a register of labanmesh: {at} {first['msg']}".replace("\n", " ")
             raise BadInput(f"{fault}. Copy register.json again from the authority's folder") from None
-        scenes = file.scenes or ((file.scene,) if file.scene else ())
-        if file.version not in (1, REGISTER_VERSION) or not scenes:
+        if file.version != REGISTER_VERSION or not file.scenes:
             raise BadInput(
-                f"{where}: version {file.version} with {len(scenes)} scenes, this labanmesh reads versions 1 and "
+                f"{where}: version {file.version} with {len(file.scenes)} scenes, this labanmesh reads version "
                 f"{REGISTER_VERSION}. Install the version that wrote it"
             )
-        return cls(scenes, tuple(file.certificates))
+        return cls(file.scenes, tuple(file.certificates))
 
 
 def as_rows(certificates: Sequence[IssuedCertificate], now: datetime) -> list[dict[str, Any]]:

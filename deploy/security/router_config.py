@@ -35,7 +35,7 @@ Rule = dict[str, Any]
 
 ROUTER_ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^/\[\]]+):(?P<port>\d+)(?P<more>[#?].*)?\Z")
 ROUTER_HEAD = """\
-// The router of {scenes}, made by labanmesh secure; do not edit: it is written anew at each change.
+// The router of {scenes}, made by labanmesh secure; do not edit: print it anew after a change.
 // labanmesh router --config FILE, or zenohd --config FILE
 """
 

@@ -172,9 +172,11 @@ def test_a_running_router_takes_up_what_changes(scene, secure, prepare, monkeypa
         until(lambda: admitted(shelf))
 
 
-def test_a_router_runs_on_the_file_that_secure_keeps(scene, secure, prepare):
+def test_a_router_runs_on_the_rules_that_secure_prints(scene, secure, prepare, tmp_path):
     hub = prepare("hub")("hub.1")
-    with routing(rules_in_file(scene.parent / "secure" / "router.json5")):
+    file = tmp_path / "router.json5"
+    file.write_text(secure("rules")[1])
+    with routing(rules_in_file(file)):
         until(lambda: admitted(hub, "hub"))
     status, out, _ = secure("rules", "--credentials", "/run/credentials", "--listen", "tls/0.0.0.0:9")
     assert status == 0 and '"/run/credentials/key.pem"' in out and "tls/0.0.0.0:9" in out and '"hub.1"' in out
