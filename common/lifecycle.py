@@ -42,9 +42,10 @@ def log_to_stderr() -> None:
 
 
 @contextmanager
-def stop_on_signals() -> Iterator[threading.Event]:
+def stop_on_signals(for_s: float | None = None) -> Iterator[threading.Event]:
     """An event that SIGTERM or Ctrl-C sets; after Ctrl-C the end of the context raises KeyboardInterrupt (status 130).
 
+    for_s: it is also set after so many seconds; None: it is not.
     A second signal acts at once, with its handler from before. Only for the main thread. A process that `labanmesh up`
     started (LABANMESH_SUPERVISOR is its process number) also stops when that process is gone, for example killed.
     """
@@ -60,9 +61,14 @@ def stop_on_signals() -> Iterator[threading.Event]:
         threading.Thread(target=stop.set).start()
 
     before = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
+    timer = threading.Timer(for_s or 0.0, stop.set)
+    timer.daemon = True
+    if for_s is not None:
+        timer.start()
     try:
         yield stop
     finally:
+        timer.cancel()
         _restore(before)
     if signal.SIGINT in received:
         raise KeyboardInterrupt

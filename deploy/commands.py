@@ -3,10 +3,8 @@
 import os
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
@@ -60,8 +58,7 @@ def up(
     started = jobs(scene, config)
     with (
         only_once(config, runtime_folder(os.environ)),
-        stop_on_signals() as stop,
-        _set_after(for_s, stop),
+        stop_on_signals(for_s) as stop,
         tempfile.TemporaryDirectory(prefix="labanmesh-") as folder,
     ):
         require_free_ports(config, len(started))
@@ -73,7 +70,8 @@ def up(
             environment={
                 "LABANMESH_PLAYBACK_START_NS": str(start_ns),
                 "LABANMESH_PLAYBACK_MEETING": str(barrier),
-                **_memory(config, Path(folder)),
+                # A restarted fusion service continues its movement; the folder ends with the launcher.
+                **({} if config.fusion.memory is not None else {"LABANMESH_FUSION_MEMORY": folder}),
             },
             policy=RestartPolicy(failures=FAILURES_WITH_AN_END if exit_when_done else None),
             ended=lambda name: (barrier / f"{name}.awaited").unlink(missing_ok=True),
@@ -82,18 +80,6 @@ def up(
     if status:
         raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
     return 0
-
-
-@contextmanager
-def _set_after(seconds: float | None, stop: threading.Event) -> Iterator[None]:
-    timer = threading.Timer(seconds or 0, stop.set)
-    timer.daemon = True
-    if seconds is not None:
-        timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
 
 
 def open_start_barrier(folder: Path, scene: Scene) -> Path:
@@ -154,11 +140,6 @@ def _ports(scene: Scene, processes: int) -> Iterator[ScenePort]:
     if "dashboard" in scene.hub.start:
         address = Address.parse(scene.hub.dashboard.listen, "hub.dashboard.listen")
         yield ScenePort("hub.dashboard.listen", str(address), EndpointParts("tcp", address.host, address.port))
-
-
-def _memory(scene: Scene, folder: Path) -> dict[str, str]:
-    """The environment by which a restarted fusion service continues its movement. The folder ends with the launcher."""
-    return {} if scene.fusion.memory is not None else {"LABANMESH_FUSION_MEMORY": str(folder)}
 
 
 def jobs(path: Path, scene: Scene) -> list[Job]:

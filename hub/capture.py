@@ -4,7 +4,6 @@
 2. What is published only in answer to queries (the vocabulary) is queried at the start and whenever a process appears.
 """
 
-import math
 import sys
 import time
 from collections import Counter
@@ -54,10 +53,9 @@ def capture(
 
     config = read_scene(scene)
     text = scene.read_text(encoding="utf-8")
-    end_s = math.inf if for_s is None else time.monotonic() + for_s
-    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
+    with stop_on_signals(for_s) as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
         with CaptureWriter(output, config, text, time.time_ns()) as writer:
-            summary = record(config, link, writer, lambda: not stop.is_set() and time.monotonic() < end_s)
+            summary = record(config, link, writer, lambda: not stop.is_set())
         print(f"{output}: {summary}", flush=True)
         if not summary.messages:
             print(f"received nothing at {config.mesh.endpoint}. Start the scene with: labanmesh up {scene}", flush=True)

@@ -1,9 +1,7 @@
 """The verb `labanmesh watch`: a scene as a live picture, as plain lines, or as lines of JSON."""
 
 import json
-import math
 import sys
-import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
@@ -55,10 +53,9 @@ def watch(
     Example: labanmesh watch scene.toml --json --for 60 | jq -c 'select(.kind == "verdict") | .label'
     """
     config = read_scene(scene)
-    end_s = math.inf if for_s is None else time.monotonic() + for_s
     console, notice = Console(), StartNotice(config, scene)
-    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
-        updates = _supervised(listen(config, link, lambda: not stop.is_set() and time.monotonic() < end_s))
+    with stop_on_signals(for_s) as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
+        updates = _supervised(listen(config, link, lambda: not stop.is_set()))
         if as_json:
             show_json(notice.to_stderr(updates), config.hub.certainty)
         elif console.is_terminal:

@@ -1,9 +1,7 @@
 """The verb `labanmesh count`: one movement's repetitions, large in the terminal, as lines, or as lines of JSON."""
 
 import json
-import math
 import sys
-import time
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Annotated
@@ -50,12 +48,12 @@ def count(
         raise BadInput("--once: there is no target to wait for; give one, e.g. --target 10")
     config = read_scene(scene)
     require_movement(config, movement, () if config.named_vocabulary is None else config.named_vocabulary.labels)
-    end_s, tally = math.inf if for_s is None else time.monotonic() + for_s, RepetitionTally(movement, target)
+    tally = RepetitionTally(movement, target)
     console, notice = Console(), StartNotice(config, scene)
-    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
+    with stop_on_signals(for_s) as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
 
         def go_on() -> bool:
-            return not stop.is_set() and time.monotonic() < end_s and not (once and tally.reached)
+            return not stop.is_set() and not (once and tally.reached)
 
         updates = _checked(config, movement, listen(config, link, go_on))
         if as_json or not console.is_terminal:

@@ -86,11 +86,11 @@ def _serve(
     log_to_stderr()
     with (
         bound_socket(address, LISTEN_KEY) as port,
-        stop_on_signals() as stop,
+        stop_on_signals(for_s) as stop,
         Notifier.from_environment() as supervisor,
     ):
         own = Address(address.host, port.getsockname()[1])
-        serving = ServingRun(stop, for_s, supervisor.alive)
+        serving = ServingRun(stop, supervisor.alive)
         if timeline is not None:
             print(f"http://{own.reachable}/ shows a capture of scene {scene.scene}", flush=True)
             serve_capture(port, access, setup, timeline, serving)

@@ -50,13 +50,12 @@ CROWD_EVERY_NS = 3 * SECOND_NS // 10
 
 @dataclass(slots=True)
 class ServingRun:
-    """How long the page is served: until `stop` is set or `for_s` seconds are over.
+    """The page is served until `stop` is set.
 
     alive: called after each piece of work. record: called with every update, in the listening thread.
     """
 
     stop: threading.Event
-    for_s: float | None = None
     alive: Callable[[], None] = lambda: None
     record: Callable[[SceneUpdate], None] = lambda update: None
 
@@ -177,10 +176,8 @@ async def _serve(
         return browser_connection(config=settings, server_state=server.server_state, app_state={})
 
     async def end() -> None:
-        loop = asyncio.get_running_loop()
-        end_s = None if run.for_s is None else loop.time() + run.for_s
         try:
-            while not (run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
+            while not run.stop.is_set():
                 await asyncio.sleep(SERVER_CHECK_S)
                 tidy()
         finally:
