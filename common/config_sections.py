@@ -18,6 +18,8 @@ from common.fusion_rules import DEFAULT_RULE
 MOST_SPEED = 1000.0
 MOST_DIGITS = 9
 MOST_PORT = 65_535
+MQTT_PORT, MQTT_TLS_PORT = 1883, 8883
+"""The usual ones, as IANA has registered them."""
 ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws)/[^\s/#?]+:(?P<port>\d{1,5})([#?]\S*)?\Z|unixsock-stream/\S+\Z")
 
 
@@ -250,6 +252,11 @@ class MqttConfig(Section):
     topics: str = "labanmesh"
     movements: Annotated[tuple[str, ...], Field(strict=False, examples=[["wave", "clap"]])] = ()
     area: str = ""
+
+    @property
+    def own_port(self) -> int:
+        """`port`, or the usual one."""
+        return self.port or (MQTT_TLS_PORT if self.tls else MQTT_PORT)
 
 
 class DashboardConfig(Section):

@@ -14,8 +14,6 @@ from common.errors import reason_of
 from deploy.doctor.findings import Finding, Mark, ok
 from deploy.doctor.network import Connection, connect_to
 
-PORT, TLS_PORT = 1883, 8883
-
 
 @dataclass(frozen=True, slots=True)
 class BrokerFacts:
@@ -37,12 +35,9 @@ def broker_facts(scene: Scene) -> BrokerFacts | None:
     mqtt, starts = scene.hub.mqtt, "mqtt" in scene.hub.start
     if not starts and mqtt == MqttConfig():
         return None
-    port = mqtt.port or (TLS_PORT if mqtt.tls else PORT)
-    installed = find_spec("aiomqtt") is not None
-    connection = connect_to(mqtt.host, port)
-    return BrokerFacts(
-        f"{mqtt.host}:{port}", connection, starts, installed, mqtt.password_file, _password_fault(scene, mqtt)
-    )
+    connection, installed = connect_to(mqtt.host, mqtt.own_port), find_spec("aiomqtt") is not None
+    address, fault = f"{mqtt.host}:{mqtt.own_port}", _password_fault(scene, mqtt)
+    return BrokerFacts(address, connection, starts, installed, mqtt.password_file, fault)
 
 
 def _password_fault(scene: Scene, mqtt: MqttConfig) -> str:

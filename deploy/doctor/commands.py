@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from common.config import Scene
+from common.config import Scene, read_scene
 from common.errors import BadInput
 from common.text import split_list
 from deploy.doctor.broker import broker_facts, check_broker
@@ -23,14 +23,7 @@ from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_js
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
 from deploy.doctor.mesh import ExpectedMesh, MeshFacts, check_mesh, listen, no_process, not_listened_to
 from deploy.doctor.network import check_network, is_free, network_facts
-from deploy.doctor.scene_file import (
-    MissingSceneFile,
-    check_scene,
-    read_existing_scene,
-    scene_facts,
-    scenes_in,
-    unreadable,
-)
+from deploy.doctor.scene_file import check_scene, scene_facts, scenes_in, unreadable
 from deploy.doctor.security import check_security, security_facts
 
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
@@ -124,10 +117,10 @@ def run_checks(checks: Sequence[Check]) -> list[Finding]:
 def _with_scene(
     path: Path, here: Sequence[str] | None, for_s: float, settings: list[EffectiveSetting], *, test_cameras: bool
 ) -> list[Finding]:
+    if not path.exists():
+        raise BadInput(f"{path}: no such file; name a scene file, or make one: labanmesh init {path}")
     try:
-        scene = read_existing_scene(path)
-    except MissingSceneFile:
-        raise
+        scene = read_scene(path)
     except BadInput as fault:
         findings = unreadable(fault)
         return run_checks([_machine_check(None, ()), Check("the scene file", SCENE_S, lambda: findings)])

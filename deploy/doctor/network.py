@@ -183,7 +183,9 @@ def _bind(family: socket.AddressFamily, kind: socket.SocketKind, address: str, p
 
 def check_network(facts: NetworkFacts) -> list[Finding]:
     """The findings on a meeting point."""
-    return [*_exposure(facts.mesh), _reachability(facts)]
+    open_to = exposure(facts.mesh.endpoint)
+    findings = [warning(open_to, "labanmesh secure init SCENE, or use a network that you trust")] if open_to else []
+    return [*findings, _reachability(facts)]
 
 
 def is_free(facts: NetworkFacts) -> bool:
@@ -200,11 +202,6 @@ def exposure(endpoint: str) -> str:
     where = "on every interface of this machine" if parts.host in EVERY_INTERFACE else "in the network"
     may = "look on, speak for any observer, teach movements and make it forget them"
     return f"{endpoint}: open {where} without certificates: whoever reaches it may {may}"
-
-
-def _exposure(mesh: MeshConfig) -> Iterator[Finding]:
-    if what := exposure(mesh.endpoint):
-        yield warning(what, "labanmesh secure init SCENE, or use a network that you trust")
 
 
 def _reachability(facts: NetworkFacts) -> Finding:

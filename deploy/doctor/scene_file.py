@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from common.config import MODELS_VARIABLE, Scene, read_scene
+from common.config import MODELS_VARIABLE, Scene
 from common.errors import BadInput, Faults
 from common.message_checks import largest_judgement, require_fits
 from common.text import plural
@@ -42,10 +42,6 @@ SCENE_WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
 NEARLY_FULL = 0.75
 """Of a message's size: from here on one more observer or movement may be too much."""
 NOT_HERE = "if it runs on another machine, name this one's: --observers ID,ID (or none)"
-
-
-class MissingSceneFile(BadInput):
-    """The scene file named on the command line does not exist. It is bad input, not a finding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +88,6 @@ class SceneFacts:
     trouble: str = ""
     clip_folders: Mapping[str, FolderFacts] = field(default_factory=dict)
     taught_folders: Mapping[str, FolderFacts] = field(default_factory=dict)
-
-
-def read_existing_scene(path: Path) -> Scene:
-    """Same as `read_scene`; raises MissingSceneFile where there is no such file."""
-    if not path.exists():
-        raise MissingSceneFile(f"{path}: no such file; name a scene file, or make one: labanmesh init {path}")
-    return read_scene(path)
 
 
 def scenes_in(folder: Path) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
 from hub.wording import facing, facing_words, leaning_lines, leanings, person_line, rounded
 
 if TYPE_CHECKING:
-    from hub.dashboard.history import MinutePoint, SceneHistory
+    from hub.dashboard.history import SceneHistory
 
 FUSED_SHOWN = 5
 LABELS_SHOWN = 3
@@ -74,7 +74,10 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         },
         "state": state_data(history, setup.names()),
         "verdicts": [verdict_data(each, history, setup.quorum) for each in history.verdicts],
-        "minute": [_point(each) for each in history.minute],
+        "minute": [
+            [each.at_ns // MS_NS, _text(each.label), round(each.p, 3), round(each.entropy, 3)]
+            for each in history.minute
+        ],
     }
 
 
@@ -222,10 +225,6 @@ def _stance(verdict: VerdictMessage, vote: Vote) -> str:
     if vote.label is None:
         return "undecided"
     return "agreed" if vote.label == verdict.label else f"held {vote.label}"
-
-
-def _point(point: "MinutePoint") -> list[object]:
-    return [point.at_ns // MS_NS, _text(point.label), round(point.p, 3), round(point.entropy, 3)]
 
 
 def _ranked(ranked: Iterable[RankedLabel]) -> list[list[object]]:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from aiomqtt import Client, MqttCodeError, MqttError, Will
 
 from common.config import MqttConfig, Scene
+from common.config_sections import MQTT_PORT, MQTT_TLS_PORT
 from common.errors import BadInput, LabanmeshError, reason_of
 from hub.mqtt.bridge import topics_of
 from hub.mqtt.entities import ORIGIN, Topics, bridge_topic, checked_prefix
 from hub.mqtt.states import OFFLINE, ONLINE
 
-PORT, TLS_PORT = 1883, 8883
 KEEPALIVE_S = 10
 """A broker publishes our last will after one and a half of these without a sign of life."""
 CONNECTION_TIMEOUT_S = 5.0
@@ -67,7 +67,7 @@ def broker_of(scene: Scene, purpose: str = "") -> MqttBroker:
     _require_host(config.host)
     identifier = f"labanmesh-hub-{scene.scene}" + (f"-{purpose}" if purpose else "")
     return MqttBroker(
-        config.host, config.port or (TLS_PORT if config.tls else PORT), config.username, _password(scene),
+        config.host, config.own_port, config.username, _password(scene),
         _tls(scene), identifier, bridge_topic(config.topics, scene.scene),
     )  # fmt: skip
 
@@ -131,7 +131,7 @@ def fault_text(error: MqttError, broker: MqttBroker) -> str:
     """Why there is no connection now, in a few words."""
     text = _plain(str(error.__cause__ or error))
     if "wrong_version_number" in text or "record_layer_failure" in text:
-        ports = f"the usual ports are {TLS_PORT} with TLS and {PORT} without"
+        ports = f"the usual ports are {MQTT_TLS_PORT} with TLS and {MQTT_PORT} without"
         return f"{broker.address} does not speak TLS; look at hub.mqtt.port: {ports}"
     return text
 

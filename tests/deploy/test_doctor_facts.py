@@ -1,5 +1,6 @@
 """The doctor's facts from real things: ports, names, files, device nodes, this machine; checks that hang or break."""
 
+import json
 import os
 import socket
 import subprocess
@@ -10,7 +11,6 @@ import pytest
 from processes import SOON_S
 
 from common.config import MODELS_VARIABLE, MeshConfig, read_scene
-from common.errors import BadInput
 from deploy.doctor import cameras
 from deploy.doctor.cameras import Webcam, observer_cameras, webcams
 from deploy.doctor.commands import Check, run_checks
@@ -18,15 +18,8 @@ from deploy.doctor.findings import ok
 from deploy.doctor.machine import MachineNeeds, check_machine, clock_state, machine_facts
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, connect_to, listener_on, network_facts
-from deploy.doctor.scene_file import (
-    FolderFacts,
-    MissingSceneFile,
-    check_scene,
-    read_existing_scene,
-    scene_facts,
-    scenes_in,
-    unreadable,
-)
+from deploy.doctor.scene_file import FolderFacts, check_scene, scene_facts, scenes_in
+from labanmesh import main
 
 
 @pytest.fixture
@@ -172,19 +165,19 @@ def test_a_folder_that_cannot_be_taught_in_is_named_before_teaching(tmp_path, mo
     )
 
 
-def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path):
-    with pytest.raises(MissingSceneFile, match="labanmesh init"):
-        read_existing_scene(tmp_path / "no.toml")
-    (tmp_path / "bad.toml").write_text("scene = ")
-    with pytest.raises(BadInput) as caught:
-        read_existing_scene(tmp_path / "bad.toml")
-    assert not isinstance(caught.value, MissingSceneFile)
+def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path, capsys):
+    assert main(["doctor", str(tmp_path / "no.toml")]) == 2
+    assert "no such file; name a scene file, or make one: labanmesh init" in capsys.readouterr().err
+
+
+def test_all_faults_of_a_scene_file_are_findings(tmp_path, capsys):
     (tmp_path / "bad.toml").write_text('scene = "d"\n[observers.a]\nsorce = "0"\nspeed = -1\n')
-    with pytest.raises(BadInput) as caught:
-        read_existing_scene(tmp_path / "bad.toml")
-    findings = [finding.what.partition(": ")[2] for finding in unreadable(caught.value)]
-    assert [what.split()[0] for what in findings] == ["observers.a.sorce:", "observers.a.source:", "observers.a.speed"]
-    assert {finding.mark for finding in unreadable(caught.value)} == {"error"}
+    assert main(["doctor", str(tmp_path / "bad.toml"), "--json"]) == 1
+    findings = [each for each in json.loads(capsys.readouterr().out)["findings"] if each["mark"] == "error"]
+    assert [each["what"].split(": ")[1].split()[0] for each in findings] == [
+        "observers.a.sorce", "observers.a.source", "observers.a.speed"
+    ]  # fmt: skip
+    assert findings[0]["to_do"] == "did you mean source?"
 
 
 def test_scene_files_in_the_folder_are_named(tmp_path):
