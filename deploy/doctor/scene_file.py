@@ -36,6 +36,7 @@ from deploy.doctor.findings import (
 )
 from deploy.hubs import hub_words
 
+PREFLIGHT = (sys.executable, "-P", "-m")
 PREFLIGHT_S = 10.0
 """Four observers take 1 to 2 s on two free cores, and several times that on a busy or a small machine."""
 SCENE_WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
@@ -76,7 +77,7 @@ class SceneFacts:
     """A scene file that could be read. path: its name. here: the observers of this machine; certain: the user said so.
 
     trouble: why observers have no report; "" where all have one. clip_folders: of the observers that keep clips.
-    taught_folders: of the observers that can be taught.
+    taught_folders: of the observers that can be taught. fusion: why the scene cannot be fused; "" if it can.
     """
 
     path: str
@@ -88,6 +89,7 @@ class SceneFacts:
     trouble: str = ""
     clip_folders: Mapping[str, FolderFacts] = field(default_factory=dict)
     taught_folders: Mapping[str, FolderFacts] = field(default_factory=dict)
+    fusion: str = ""
 
 
 def scenes_in(folder: Path) -> Iterator[Finding]:
@@ -104,7 +106,12 @@ def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFa
     """The facts of a scene that was read from `path`; here: this machine's observers, None for all."""
     observers = scene.roster if here is None else tuple(here)
     table = tomllib.loads(path.read_text(encoding="utf-8"))
-    reports, trouble = _preflight(path, observers)
+    with subprocess.Popen(  # noqa: S603 - the command line is ours
+        [*PREFLIGHT, "fusion.preflight", str(path)],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
+    ) as fusing:  # fmt: skip
+        reports, trouble = _preflight(path, observers)
+        fusion = fusing.communicate()[0].strip()
     certain = here is not None or scene.mesh.mode != "router"
     settings = settings_in_force(scene, table, os.environ)
     places = {name: scene.place(folder) for name in observers if (folder := scene.observer(name).clips.folder)}
@@ -112,14 +119,14 @@ def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFa
     # Teaching does not make the folder of an observer's takes and its model.
     folders = {} if scene.vocabulary else {name: scene.taught_model(name).parent for name in observers}
     taught = {name: FolderFacts(each, each.is_dir() and _may_write(each)) for name, each in folders.items()}
-    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, clips, taught)
+    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, clips, taught, fusion)
 
 
 def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, PreflightReport], str]:
     """The reports that arrived in time, by observer, and why others did not. A process of its own makes them."""
     if not observers:
         return {}, ""
-    command = [sys.executable, "-P", "-m", "observer.runtime.preflight", str(path), *observers]
+    command = [*PREFLIGHT, "observer.runtime.preflight", str(path), *observers]
     try:
         done = subprocess.run(  # noqa: S603 - the command line is ours
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PREFLIGHT_S, check=False
@@ -159,6 +166,8 @@ def _whole(facts: SceneFacts) -> Iterator[Finding]:
     if scene.mesh.mode == "process":
         what = 'mesh.mode = "process": several processes cannot meet in this mode; it is for tests'
         yield error(what, 'choose mode = "machine" or "router" under [mesh]')
+    if facts.fusion:
+        yield from_fault("error", facts.fusion, SCENE_WAY_OUT)
 
 
 def _overridden(settings: Sequence[EffectiveSetting]) -> Iterator[Finding]:

@@ -77,17 +77,19 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
     result.tracker = f"{choice.name} ({choice.reason})" if choice.reason and not choice.lacks else choice.name
     result.lacks_tracker = choice.lacks
     result.reads = kind.reads if kind else ""
-    rate_hz = _check_inputs(scene, section, result, kind.name) if view and kind else None
+    # A fault of the view or the tracker does not hide one of the source, which is opened with others then.
+    others = {**({} if view else {"view": "door"}), **({} if kind else {"tracker": "auto"})}
+    rate_hz = _check_inputs(scene, section.model_copy(update=others), result)
     _check_model(scene, section, result, rate_hz, view, kind.finds if kind else ())
     return result
 
 
-def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult, tracker: str) -> float | None:
+def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult) -> float | None:
     """Check source and tracker; returns the rate that the model must have, if the source determines it."""
     from observer.geometry.picture_size import scale_note
     from observer.runtime.scene_inputs import open_inputs
 
-    if tracker == "mediapipe":
+    if chosen_tracker(section).name == "mediapipe":
         if find_spec("mediapipe") is None:
             result.lacks.append("mediapipe")
         elif section.pose_model and not scene.place(section.pose_model).is_file():
@@ -95,12 +97,12 @@ def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult
                 f"pose_model = {section.pose_model!r}: no such file; a pose landmarker .task file is expected"
             )
         section = section.model_copy(update={"tracker": "camshift", "face": (0, 0, 1, 1)})
-        scene = scene.model_copy(update={"observers": {**scene.observers, result.observer: section}})
     if section.source == STANDARD_INPUT:
         result.doubts.append(
             "reads tracks from its standard input, which `up` cannot feed; TRACKER | labanmesh observe ..."
         )
         return None
+    scene = scene.model_copy(update={"observers": {**scene.observers, result.observer: section}})
     inputs = result.attempt(lambda: open_inputs(scene, result.observer, environment={}))
     size_px = section.size_px or getattr(inputs.source if inputs else None, "size_px", None)
     if inputs and inputs.pictures and size_px and (note := scale_note(inputs.view, size_px)):

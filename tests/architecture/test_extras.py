@@ -31,6 +31,7 @@ STARTED = {
 }
 NOT_VERBS = (
     "labanmesh", "deploy.make_environment", "deploy.home-assistant.labanmesh.run", "observer.runtime.preflight",
+    "fusion.preflight",
     "labanmesh_testing.plugin",
 )  # fmt: skip
 """Modules that no verb imports: programs of their own."""

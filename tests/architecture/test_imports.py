@@ -60,7 +60,7 @@ IMPURE = {
         "hub.people_names_file hub.phone.*_file hub.phone.static_pages hub.rights "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
-        "observer.runtime.preflight observer.runtime.start_barrier "
+        "fusion.preflight observer.runtime.preflight observer.runtime.start_barrier "
         "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
         "studies.output_files studies.report"
     ),

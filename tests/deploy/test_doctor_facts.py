@@ -192,13 +192,18 @@ def test_observers_are_examined_in_a_process_of_their_own(tmp_path, monkeypatch)
     path = tmp_path / "s.toml"
     clips = '[observers.a.clips]\nfolder = "s.toml/x"\n'
     first = '[observers.a]\nsource = "m.npz"\nview = "dor"\n'
-    path.write_text(f'scene = "dojo"\n{first}{clips}[observers.b]\nsource = "-"\n')
+    path.write_text(f'scene = "dojo"\n{first}{clips}[observers.b]\nsource = "-"\n[fusion]\nrule = "lgo"\n')
     facts = scene_facts(path, read_scene(path, {}), ["a"])
     assert facts.clip_folders == {"a": FolderFacts(path / "x", writable=False)}
     assert facts.taught_folders == {"a": FolderFacts(tmp_path, writable=True)}
     assert facts.certain and set(facts.reports) == {"a"} and facts.trouble == ""
     faults = " ".join(facts.reports["a"].faults)
-    assert "did you mean door?" in faults and "a.model: no such model file; teach it" in facts.reports["a"].doubts[0]
+    assert "did you mean log?" in facts.fusion
+    assert (
+        "did you mean door?" in faults
+        and "m.npz: cannot be read" in faults
+        and "a.model: no such model file; teach it" in facts.reports["a"].doubts[0]
+    )
     assert f"labanmesh teach {path} LABEL" in facts.reports["a"].doubts[0]
 
 

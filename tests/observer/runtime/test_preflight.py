@@ -51,6 +51,11 @@ def test_a_fault_has_the_error_of_observe(preflight, section, words):
     assert words in fault
 
 
+def test_all_faults_of_an_observer_are_listed(preflight):
+    faults = preflight('source = "gone.npz"\nview = "dor"\ntracker = "camshft"').faults
+    assert len(faults) == 3 and all(word in "".join(faults) for word in ("dor", "camshft", "gone.npz"))
+
+
 def test_a_model_for_another_vocabulary_or_view(preflight):
     (fault,) = preflight('source = "motion.npz"', 'vocabulary = ["bowing", "lunging"]\n').faults
     assert "learned for the vocabulary" in fault
