@@ -15,7 +15,6 @@ from deploy.doctor import cameras
 from deploy.doctor.cameras import Webcam, observer_cameras, webcams
 from deploy.doctor.commands import Check, run_checks
 from deploy.doctor.findings import ok
-from deploy.doctor.machine import MachineNeeds, check_machine, clock_state, machine_facts
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, connect_to, listener_on, network_facts
 from deploy.doctor.scene_file import FolderFacts, check_scene, scene_facts, scenes_in
@@ -82,12 +81,6 @@ def test_a_port_taken_by_another_program_is_reported(listener, mode, tmp_path, m
     (error,) = [finding for finding in check_network(facts.network) if finding.mark == "error"]
     # The listener is this very process.
     assert f"taken by PID {os.getpid()} (" in error.what or not os.path.exists("/proc/net/tcp")  # noqa: PTH110
-
-
-def test_this_machine_can_run_its_own_tests(tmp_path):
-    seen = machine_facts(tmp_path)
-    assert not [finding for finding in check_machine(seen, MachineNeeds()) if finding.mark == "error"]
-    assert seen.free_disk and seen.labanmesh and clock_state() in ("synchronised", "free", "unknown")
 
 
 def test_webcams_are_found_by_their_first_node(tmp_path):

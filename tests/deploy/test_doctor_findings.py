@@ -14,7 +14,7 @@ from deploy.doctor.broker import BrokerFacts, broker_facts, check_broker
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
 from deploy.doctor.findings import GROUPS, Finding, as_json, from_fault, page, settings_in_force, summary, worst
 from deploy.doctor.machine import MachineFacts, MachineNeeds, check_machine, machine_needs
-from deploy.doctor.network import Connection, EndpointParts, NetworkFacts, check_network, is_free
+from deploy.doctor.network import Connection, NetworkFacts, check_network, is_free
 from deploy.doctor.scene_file import FolderFacts, PreflightReport, SceneFacts, check_scene
 from deploy.doctor.security import SecurityFacts, check_security
 
@@ -253,12 +253,6 @@ def net(connection, endpoint=HERE, mode="machine", local=True, **more):
 )
 def test_network(facts, mark, words):
     assert mark_of(check_network(facts), words) == mark
-
-
-def test_an_endpoint_in_pieces():
-    assert EndpointParts.of("tls/[::1]:7447") == EndpointParts("tls", "::1", 7447)
-    assert EndpointParts.of("tcp/router.local:1?x=y") == EndpointParts("tcp", "router.local", 1)
-    assert EndpointParts.of("unixsock-stream//run/x") == EndpointParts("unixsock-stream", "", 0)
 
 
 def test_free_is_only_where_fusion_will_listen():

@@ -10,7 +10,7 @@ from common.link import Link
 from deploy.doctor.findings import worst
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, network_facts
-from deploy.doctor.security import check_security, listener_for, security_facts
+from deploy.doctor.security import check_security, security_facts
 from deploy.security.issuing import create_authority
 from deploy.security.register import Roles
 from deploy.security.router_config import router_config
@@ -114,8 +114,3 @@ def test_a_key_that_others_can_read_is_reported(place, authority, seen_by):
         key.chmod(0o600)
     (fault,) = [finding for finding in security if finding.mark == "error"]
     assert "others can read it" in fault.what and fault.to_do == f"chmod 600 {key}"
-
-
-def test_without_certificates_anybody_listens_as_a_hub(place):
-    (place / "open.toml").write_text('scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n')
-    assert listener_for(read_scene(place / "open.toml", {})) == ("hub", "")

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.vocabulary import ABSTAIN
-from hub.anticipation import CLOSED_LIMIT, ENDED_S, NEVER, SILENT_S, Anticipation, is_early
+from hub.anticipation import CLOSED_LIMIT, ENDED_S, NEVER, SILENT_S, Anticipation
 
 SURE, UNSURE, OTHER = (0.02, 0.03, 0.05, 0.9), (0.2, 0.2, 0.2, 0.4), (0.02, 0.03, 0.9, 0.05)
 
@@ -49,22 +49,12 @@ def test_a_label_that_is_still_probable_from_the_movement_before_is_not_early(ma
     assert len(joined.update(make.moving(p=OTHER, label="ok"), 0.1)) == 1
 
 
-def test_something_else_lowers_the_probability(make, started):
-    assert started.update(make.moving(p=SURE, unlearned=0.2), 0.0) == []
-    assert len(started.update(make.moving(p=SURE, unlearned=0.1), 0.1)) == 1
-
-
 def test_a_decided_movement_is_not_early_and_neither_is_any_at_certainty_one(make, started):
     assert started.update(make.moving(p=SURE, decided="nthrow"), 0.0) == []
     assert started.update(make.verdict(1), 0.0) == [] == started.update(make.moving(p=SURE), 0.1)
     never = Anticipation(NEVER)
     certain = make.moving(p=(0.0, 0.0, 0.0, 1.0))
     assert never.update(make.judgement(p=UNSURE), 0.0) == [] == never.update(certain, 0.1)
-
-
-def test_a_judgement_without_observers_names_nothing(make):
-    movement = make.moving().movement
-    assert not is_early(make.waiting(label="byebye", movement=movement), 0.2)
 
 
 def test_a_word_without_a_verdict_is_withdrawn(make):

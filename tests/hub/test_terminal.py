@@ -72,13 +72,6 @@ def test_two_processes_of_one_id_are_a_line_of_their_own_while_it_lasts(make):
     assert "two processes have the id cam1, fuse1" in drawn(render(state, 120))
 
 
-def test_fusion_stands_between_the_corners(make):
-    lines = drawn(render(scene(make), 80)).splitlines()
-    row = {name: next(i for i, line in enumerate(lines) if name in line) for name in ("cam1", " fusion ", "cam2")}
-    assert row["cam1"] < row[" fusion "] < row["cam2"]
-    assert "cam0" in lines[row["cam1"]], "two corners stand side by side"
-
-
 def test_the_stances_are_those_of_the_agreement(make):
     votes = {"a": make.vote("ok"), "b": make.vote(state="stale"), "c": make.vote(), "d": make.vote(None),
              "e": make.vote(state="late")}  # fmt: skip

@@ -61,14 +61,6 @@ def test_the_score_of_an_ended_movement_is_a_line_once(make, capsys):
     assert (fields["score"], fields["scores"], fields["remarks"]) == (7.84, {"cam1": 7.84}, remarks)
 
 
-def test_a_line_says_why_a_movement_is_not_scored(make, capsys):
-    reason = "too little is seen: not the left leg"
-    ended = make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 1, unscored=reason)
-    show_lines(updates(make, make.verdict(1), ended, ended))
-    lines = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
-    assert lines[1:] == [f"score  nthrow ended, not scored, {reason}"]
-
-
 def test_a_line_says_why_there_is_no_verdict(make, capsys):
     lacks = "nthrow 79 % of the 80 % needed; 13 % something else"
     abstained = make.verdict(1, ended_ns=make.NOON, label="abstain", why=lacks)

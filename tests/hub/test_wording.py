@@ -2,7 +2,7 @@
 
 import pytest
 
-from hub.wording import age, dissent, facing_words, judgement_line, leanings, verdict_line
+from hub.wording import dissent, facing_words, judgement_line, leanings, verdict_line
 
 
 def test_facets_lean_to_a_pole_and_unknown_or_incomplete_ones_are_left_out():
@@ -16,10 +16,6 @@ def test_facets_lean_to_a_pole_and_unknown_or_incomplete_ones_are_left_out():
 def test_the_facing_is_in_words():
     words = [facing_words(degrees) for degrees in (0, 45, 180, 270, 359.7)]
     assert words == ["front", "45° left", "back", "90° right", "front"]
-
-
-def test_ages_have_a_unit_that_suits_them():
-    assert [age(seconds) for seconds in (None, 0.04, 1.23, 180)] == ["-", "40 ms", "1.2 s", "3 min"]
 
 
 def test_a_judgement_without_observers_names_no_movement(make):

@@ -120,16 +120,6 @@ def test_times_are_those_of_the_fusion_machine(make, after):
     assert state_data(history)["now"] == make.NOON // 10**6
 
 
-def test_something_else_is_an_answer_among_the_others(make, after):
-    other = {"unlearned": 0.5}
-    judgement = make.judgement(votes={"cam1": make.vote(**other)}, **other)
-    whole = snapshot_data(SETUP, after(judgement, make.verdict(1, **other)))
-    fused = [["something else", 0.5], ["nthrow", 0.3]]
-    assert whole["state"]["fused"][:2] == fused == whole["verdicts"][0]["fused"][:2]
-    assert whole["state"]["observers"][0]["ranked"][:2] == [["something else", 0.5], ["nthrow", 0.35]]
-    assert whole["minute"][0][2] == 0.5, "the probability of the likeliest answer"
-
-
 def test_facets_and_facing_are_null_where_they_are_unknown(make, after):
     how = {"facets": {"effort_time": [0.2, 0.8], "effort_flow": [1.0], "mood": [1.0]}, "facing_deg": -45.0}
     state = state_data(after(make.judgement(**how)))

@@ -47,23 +47,17 @@ def test_the_last_word_on_a_movement_is_kept(path, make):
     assert path.stat().st_mode & 0o077 == 0
 
 
-def test_a_score_is_kept_with_those_of_the_judges(path, make):
+def test_a_score_is_kept_with_those_of_the_judges_or_why_there_is_none(path, make):
     remarks = ["left knee: 12 degrees too straight at 60 %"]
+    scored = make.verdict(1, ended_ns=NOON, score=7.84, scores={"cam1": 7.84}, remarks=remarks)
     with HistoryFile.to_write(path) as file:
-        file.add(row_of(make.verdict(ended_ns=NOON, score=7.84, scores={"cam1": 7.84}, remarks=remarks)))
-        (kept,) = file.select(HistoryQuery())
+        file.add(row_of(scored), row_of(make.verdict(2, ended_ns=NOON, unscored="its begin was not seen")))
+        unknown, kept = file.select(HistoryQuery())
     fields = kept.as_json()
     assert (fields["score"], fields["scores"], fields["remarks"]) == (7.84, {"cam1": 7.84}, remarks)
     assert "nthrow 7.8 of 10" in row_line(kept)[1] and kept.as_page()[-1] == 7.84
-    assert row().as_page()[-1] is None
-
-
-def test_why_there_is_no_score_is_kept(path, make):
-    with HistoryFile.to_write(path) as file:
-        file.add(row_of(make.verdict(ended_ns=NOON, unscored="its begin was not seen")))
-        (kept,) = file.select(HistoryQuery())
-    assert kept.as_json()["unscored"] == "its begin was not seen"
-    assert "nthrow (not scored, its begin was not seen)" in row_line(kept)[1]
+    assert unknown.as_json()["unscored"] == "its begin was not seen" and unknown.as_page()[-1] is None
+    assert "nthrow (not scored, its begin was not seen)" in row_line(unknown)[1]
 
 
 def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
