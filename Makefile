@@ -95,8 +95,8 @@ check: $(VENV)/.ready  ## lint and types
 bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
 
-scale: $(VENV)/.ready   ## what growing costs, measured anew: the tables of docs/design/scale.md, about four minutes
-	@$(BIN)/python -m benchmarks.scale.measure --write benchmarks/scale/measured.json && $(BIN)/python -m benchmarks.scale --page docs/design/scale.md
+scale: $(VENV)/.ready   ## what growing costs, measured anew: the tables of docs/design/scale.md, about three minutes
+	@$(BIN)/python -m benchmarks.scale --page docs/design/scale.md
 
 soak: $(VENV)/.ready  ## ten minutes of a thousand SIMULATED observers before one real fusion process
 	@$(BIN)/python -m benchmarks.crowd

@@ -17,7 +17,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks import fusion, mesh, observer, observer_steps, pace, recovery, security
+from benchmarks import observer, observer_steps, pace, recovery, security
 from benchmarks.command_line import run_command
 from benchmarks.crowd.trial import CrowdPlan, run_trial
 from benchmarks.flood import RATES_HZ, SCENES
@@ -72,12 +72,8 @@ def other_groups() -> dict[str, Rows]:
     return {
         "tracking": observer_steps.tracking_rows,
         "observer": lambda: observer.rows(data),
-        "rules": fusion.rule_rows,
-        "mesh": lambda: mesh.rows((1,)),
-        "publishers as fast as they can": fusion.flood_rows,
         "recovery": recovery.rows,
         "security": security.rows,
-        "model updates": lambda: observer_steps.model_rows(data),
     }
 
 

@@ -2,16 +2,14 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-import msgpack
 import zenoh
 
 PUT, BACK = "bench/bare/put", "bench/bare/back"
 LOOPBACK = "tcp/127.0.0.1:0"
 TIMEOUT_S = 10.0
-SILENT_S = 0.5
 
 
 def open_bare(settings: Mapping[str, object]) -> zenoh.Session:
@@ -34,32 +32,6 @@ def bare_peer(connect: str | None = None) -> Iterator["BarePeer"]:
     }
     with open_bare(settings) as session:
         yield BarePeer(session)
-
-
-def drain(listen: str, key: str, seconds: float, publishers: int, report: Callable[[float], None]) -> None:
-    """Report how many messages per second a loop takes from a FIFO channel and unpacks, once all publishers arrived.
-
-    Continues until they are silent, because a session with a full channel does not close.
-    """
-    with open_bare({"mode": "peer", "listen/endpoints": [listen]}) as session:
-        channel = session.declare_subscriber(key, zenoh.handlers.FifoChannel(100_000))
-        keys: set[str] = set()
-        while len(keys) < publishers:
-            keys.add(str(channel.recv().key_expr))
-        count, begun_s = 0, time.monotonic()
-        while time.monotonic() - begun_s < seconds:
-            while (sample := channel.try_recv()) is not None:
-                msgpack.unpackb(sample.payload.to_bytes())
-                count += 1
-                if not count % 1024 and time.monotonic() - begun_s >= seconds:
-                    break
-            time.sleep(0.001)
-        report(count / (time.monotonic() - begun_s))
-        last_s = time.monotonic()
-        while time.monotonic() - last_s < SILENT_S:
-            while channel.try_recv() is not None:
-                last_s = time.monotonic()
-            time.sleep(0.001)
 
 
 class BarePeer:

@@ -1,9 +1,8 @@
 """From a posterior put to the judgement received, between two processes on real Zenoh, beside bare Zenoh.
 
 One process publishes the posteriors of one or four cameras at 60 Hz each and receives judgements; the other runs the
-fusion service. With each frame, alternately, bare Zenoh puts the same bytes. Floors:
-- echo: a bare subscriber in the other process puts the same bytes back: the two hops of a judgement.
-- one way: the arrival in the other process; the two processes share a clock.
+fusion service. With each frame, alternately, bare Zenoh puts the same bytes. The floor is the echo: a bare subscriber
+in the other process puts the same bytes back, the two hops of a judgement.
 A posterior counts as judged by the first judgement that contains it or a newer one of the same observer. Messages are
 received when their bytes are in the inbox: `arrived_ns`, and the first line of the callback in bare Zenoh.
 """
@@ -12,7 +11,7 @@ import multiprocessing
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -34,9 +33,8 @@ from common.wire import decode, encode
 
 RATE_HZ = 60.0
 FRAMES = 240
-ECHO = "floor: echo"
-OVER_ECHO_MS = (0.5, 2.0)
-"""Goals: judging may take so much longer than the echo, median and p99."""
+OVER_ECHO = (("median", 50, 0.5), ("p99", 99, 2.0))
+"""Percentiles, and the goals: judging may take so many ms longer than the echo."""
 WARM_UP = 30
 """Frames that do not count, while routes, threads and caches settle."""
 SINGLE_NS = 1000
@@ -60,23 +58,11 @@ class PutLog:
     payloads: dict[Captured, bytes] = field(default_factory=dict)
 
 
-def rows(observers: Sequence[int] = (1, 4), frames: int = FRAMES) -> Iterator[BenchmarkRow]:
-    """Median and 99th percentile for so many observers, against both floors."""
-    for number in observers:
-        yield from _measured(number, frames)
-
-
 def pace_rows(observers: int, frames: int) -> list[BenchmarkRow]:
-    """What judging costs over the echo of the same bytes, median and p99, with their goals."""
-    rows = [own for own in _measured(observers, frames) if own.name.endswith(ECHO)]
-    return [
-        row(own.name.replace(ECHO, "over the echo"), own.ours - own.floor, own.floor, "ms", own.n, goal)
-        for own, goal in zip(rows, OVER_ECHO_MS, strict=True)
-    ]
+    """What judging costs over the echo of the same bytes, median and p99, with their goals.
 
-
-def _measured(observers: int, frames: int) -> list[BenchmarkRow]:
-    """Start and end two processes; raises LabanmeshError when they do not connect."""
+    Raises LabanmeshError when the two processes do not connect.
+    """
     # Spawn: a child forked from a process with a Zenoh session hangs when it closes.
     spawn = multiprocessing.get_context("spawn")
     here, there = spawn.Pipe()
@@ -89,15 +75,14 @@ def _measured(observers: int, frames: int) -> list[BenchmarkRow]:
         with Link.open(scene.mesh, "observer") as link, bare_peer(bare_endpoint) as bare:
             log, arrivals = _publish(scene, link, bare, frames)
             here.send("stop")
-            one_way = _received(here, dict)
-            return _rows(log, first_judged(log.ours, arrivals), bare.arrived, one_way, observers)
+            return _rows(log, first_judged(log.ours, arrivals), bare.arrived, observers)
     finally:
         here.close()
         other.join(TIMEOUT_S)
 
 
 def _fusion_process(observers: int, pipe: Connection) -> None:
-    """Fusion service and bare echo, until the pipe sends stop or breaks; then sends the arrival times."""
+    """Fusion service and bare echo, until the pipe sends stop or breaks."""
     from fusion.server import serve
 
     scene, stop = scene_of(observers), threading.Event()
@@ -113,9 +98,6 @@ def _fusion_process(observers: int, pipe: Connection) -> None:
         pipe.send((link.locator, bare.locator))
         threading.Thread(target=wait_for_end, daemon=True).start()
         serve([scene], scene.fusion.id, link, stop)
-        # The other side may have given up, and has reported why.
-        with suppress(OSError):
-            pipe.send(bare.arrived)
 
 
 def first_judged(put: Iterable[Captured], arrivals: Iterable[Arrival]) -> dict[Captured, int]:
@@ -171,24 +153,18 @@ def _frame(observers: Sequence[str], seq: int) -> dict[Captured, bytes]:
     }
 
 
-def _rows(
-    log: PutLog, judged: dict[Captured, int], echoed: dict[bytes, int], one_way: dict[bytes, int], observers: int
-) -> list[BenchmarkRow]:
-    """Counts the posteriors that arrived by all three ways; on a quiet machine that is all of them."""
-    whole = [own for own, payload in log.payloads.items() if own in judged and payload in echoed and payload in one_way]
+def _rows(log: PutLog, judged: dict[Captured, int], echoed: dict[bytes, int], observers: int) -> list[BenchmarkRow]:
+    """Counts the posteriors that arrived by both ways; on a quiet machine that is all of them."""
+    whole = [own for own, payload in log.payloads.items() if own in judged and payload in echoed]
     if len(whole) < 0.9 * len(log.payloads):
         raise LabanmeshError(f"{len(log.payloads) - len(whole)} of {len(log.payloads)} posteriors never came back")
     ours = [judged[own] - log.ours[own] for own in whole]
-    floors = {
-        "echo": [echoed[log.payloads[own]] - log.bare[own] for own in whole],
-        "one way": [one_way[log.payloads[own]] - log.bare[own] for own in whole],
-    }
-    label = plural(observers, "observer")
-    return [
-        row(f"put to judgement, {label}, {word}, floor: {name}", _ms(ours, q), _ms(floor, q), "ms", len(whole))
-        for name, floor in floors.items()
-        for word, q in (("median", 50), ("p99", 99))
-    ]
+    floor = [echoed[log.payloads[own]] - log.bare[own] for own in whole]
+    name, rows = f"put to judgement, {plural(observers, 'observer')}", []
+    for word, percentile, goal_ms in OVER_ECHO:
+        own_ms, echo_ms = _ms(ours, percentile), _ms(floor, percentile)
+        rows.append(row(f"{name}, {word}, over the echo", own_ms - echo_ms, echo_ms, "ms", len(whole), goal_ms))
+    return rows
 
 
 def _received(pipe: Connection, kind: type[T]) -> T:

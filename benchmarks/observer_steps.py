@@ -1,38 +1,29 @@
-"""What one frame costs an observer: tracking hands and head in a picture, and updating the movement model.
+"""What one frame costs an observer: tracking hands and head in a picture; and the people and models of observer.py.
 
-Floors of tracking, on the same pictures with one OpenCV thread:
+Floors, on the same pictures with one OpenCV thread:
 - camshift: the plain calls on the whole picture: conversion to HSV, back-projection, and three CamShift calls.
 - mediapipe (where it is installed): a bare call of its model, with the conversion to RGB.
-Floors of a model update: the numpy operations that no implementation of the model can avoid, on arrays of the same
-shapes, written into existing memory:
-- phase: one float32 matrix-vector product over all chains x features, one exp, one multiplication of the state; with
-  facings there are that many times more chains. It can be undercut: chains without weight are skipped.
-- frame-table: the sum over body parts of one bin of the table, added to the log posterior.
 """
 
 import importlib.util
 import threading
-import tracemalloc
 from collections.abc import Callable, Iterator
-from itertools import count, cycle
+from itertools import count
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, row
+from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
-from observer.model.base import Arrays, MovementModel, Onset
-from observer.model.registry import MODELS
+from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, labels_of, resample, subjects_in
 from observer.motion.importers import import_recordings
 from observer.motion.playback import RecordedMotion
-from observer.motion.projected import ProjectedTracker, frames_of
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.runtime.pipeline import Observer
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
 from studies.performer import perform, perform_continuously
@@ -142,45 +133,11 @@ RECORDINGS = 20
 """Test recordings of the other half of the people, watched over and over."""
 
 
-def model_rows(data: Path | None, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
-    """One row per model; data: the folder of recordings, None for the synthetic performer."""
-    train, test = halves(recorded(data))
-    for kind in MODELS:
-        yield measure(kind, learned(kind, train), test, rounds, batch_s)
-    turning = learned("phase", train, FACINGS)
-    yield measure(f"phase with {FACINGS} facings", turning, test, rounds, batch_s)
-    yield memory(f"phase with {FACINGS} facings", turning)
-
-
 def learned(kind: str, train: MotionArchive, facings: int = 1) -> MovementModel:
     """A model of all movements in the Door view."""
     parameters = {"facings": float(facings)} if facings > 1 else {}
     vocabulary = Vocabulary(labels_of(train), "bench")
     return learn_view(train, parse_view("door"), vocabulary, kind=kind, parameters=parameters, calibrate=False)
-
-
-def measure(
-    name: str, model: MovementModel, test: MotionArchive, rounds: int = ROUNDS, batch_s: float = BATCH_S
-) -> BenchmarkRow:
-    """`Observer.step` of one model against its floor."""
-    tracker = ProjectedTracker(parse_view("door"), test.body_parts, test.body_parts)
-    observer = Observer(tracker, model)
-    frames = cycle([frame for recording in test.recordings for frame in frames_of(recording)])
-    label = f"model update, {name}, {model.header.vocabulary.size} movements"
-    floor = FLOORS[model.header.kind](model.arrays())
-    return compare(label, lambda: observer.step(next(frames)), floor, rounds, batch_s)
-
-
-def memory(name: str, model: MovementModel) -> BenchmarkRow:
-    """Megabytes of a model in use; the floor is that of its arrays alone."""
-    arrays = {key: array.copy() for key, array in model.arrays().items()}
-    tracemalloc.start()
-    again = type(model).from_arrays(model.header, arrays)
-    watch = again.watch(Onset())
-    ours = tracemalloc.get_traced_memory()[0] + sum(array.nbytes for array in arrays.values())
-    tracemalloc.stop()
-    floor = sum(array.nbytes for array in arrays.values())
-    return row(f"memory of a model, {name}, {len(watch.p)} movements", ours / 1e6, floor / 1e6, "MB", 1)
 
 
 def recorded(data: Path | None) -> MotionArchive:
@@ -197,56 +154,3 @@ def halves(archive: MotionArchive) -> tuple[MotionArchive, MotionArchive]:
     others = tuple(r for r in archive.recordings if r.subject not in learned)
     test = others[:: max(len(others) // RECORDINGS, 1)]
     return MotionArchive(archive.body_parts, train), MotionArchive(archive.body_parts, test)
-
-
-def _phase_floor(arrays: Arrays) -> Work:
-    chains = np.asarray(arrays["chains"], np.float32)
-    postures, o = chains.reshape(-1, chains.shape[-1]), chains[0, chains.shape[1] // 2].copy()
-    state, evidence = np.full(len(postures), 1.0 / len(postures), np.float32), np.empty(len(postures), np.float32)
-
-    def floor() -> None:
-        np.matmul(postures, o, out=evidence)
-        np.exp(evidence, out=evidence)
-        np.multiply(state, evidence, out=evidence)
-
-    return floor
-
-
-def _frame_table_floor(arrays: Arrays) -> Work:
-    table = np.asarray(arrays["log_table"], np.float64)
-    parts, symbols, belief = np.arange(table.shape[2]), np.arange(table.shape[2]), np.zeros(len(table))
-
-    def floor() -> None:
-        np.add(belief, table[:, 0, parts, symbols].sum(axis=1), out=belief)
-
-    return floor
-
-
-def _regressions_floor(arrays: Arrays) -> Work:
-    """The products of the features with the regressions' weights; the features themselves cost more."""
-    weights = [np.asarray(arrays[f"{name}_weights"], np.float32) for name in ("trailing_movement", "running", "ended")]
-    features = [np.ones(len(one), np.float32) for one in weights]
-    results = [np.empty(one.shape[1], np.float32) for one in weights]
-
-    def floor() -> None:
-        for x, w, result in zip(features, weights, results, strict=True):
-            np.matmul(x, w, out=result)
-
-    return floor
-
-
-def _stacked_floor(arrays: Arrays) -> Work:
-    members = _phase_floor(arrays), _regressions_floor(arrays)
-
-    def floor() -> None:
-        for member in members:
-            member()
-
-    return floor
-
-
-FLOORS: dict[str, Callable[[Arrays], Work]] = {
-    "phase": _phase_floor,
-    "frame-table": _frame_table_floor,
-    "stacked": _stacked_floor,
-}
