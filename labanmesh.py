@@ -18,7 +18,7 @@ if TAKES_CTRL_C:
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     import typer
@@ -261,39 +261,14 @@ def _run(verb: str, words: Sequence[str]) -> int:
     # other processes, for the cores.
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    import shlex
-
-    import typer
-    from typer.exceptions import TyperException
-
-    from common.errors import BadInput
+    from common.command_call import call_command
     from common.files import require_open_files
     from common.interrupt import interruptible
 
-    try:
-        command = typer.main.get_command(app_of(verb, words))
-        require_open_files()
-        with interruptible() if TAKES_CTRL_C else nullcontext():
-            status = command.main(words, f"labanmesh {verb}", standalone_mode=False)
-    except TyperException as error:
-        text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
-        # Typer names the parameter and the rule; the value is in what was typed.
-        typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
-        example = _example(verb, error) if text.startswith("Missing ") else ""
-        path = getattr(getattr(error, "ctx", None), "command_path", f"labanmesh {verb}")
-        raise BadInput(f"{typed}: {text.rstrip('.')}{example}; see {path} --help") from None
-    except SystemExit as ending:  # typer makes a status of 1 of a closed pipe
-        raise ending.__context__ if isinstance(ending.__context__, BrokenPipeError) else ending from None
-    except typer.Abort:
-        raise KeyboardInterrupt from None
-    return status if isinstance(status, int) else 0
-
-
-def _example(verb: str, error: Any) -> str:  # noqa: ANN401 - the class of Typer is private
-    """The first example in the help of what was called, a verb or a sub-verb, as the middle of a line; "" without."""
-    command = getattr(getattr(error, "ctx", None), "command", None)
-    examples = (getattr(command, "help", None) or "").partition("Example: ")[2].splitlines()
-    return f", e.g. {examples[0]}" if examples and examples[0].startswith(f"labanmesh {verb} ") else ""
+    app = app_of(verb, words)
+    require_open_files()
+    with interruptible() if TAKES_CTRL_C else nullcontext():
+        return call_command(app, words, f"labanmesh {verb}", verb)
 
 
 if __name__ == "__main__":

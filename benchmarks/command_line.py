@@ -7,8 +7,8 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import typer
-from typer.exceptions import TyperException
 
+from common.command_call import call_command
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.interrupt import interruptible
 
@@ -26,17 +26,12 @@ def run_command(function: Callable[..., int | None], name: str, arguments: Seque
     try:
         # Words of a test are no command: Ctrl-C is the test runner's.
         with interruptible() if arguments is None else nullcontext():
-            status = typer.main.get_command(app).main(words, program, standalone_mode=False)
-    except TyperException as error:
-        text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
-        print(f"{name}: {text.rstrip('.')}; see {program} --help", file=sys.stderr)
-        return 2
+            return call_command(app, words, program)
     except LabanmeshError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return error.exit_status
-    except (KeyboardInterrupt, typer.Abort):
+    except KeyboardInterrupt:
         return 130
-    return status if isinstance(status, int) else 0
 
 
 def recordings_folder() -> Path:

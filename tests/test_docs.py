@@ -215,7 +215,7 @@ def test_commands_in_the_text_have_known_verbs_and_options(page):
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_reference_lists_every_command_and_option(verb):
     page = (REFERENCE / "commands.md").read_text("utf-8")
-    assert re.search(rf"^\| `{verb}[` ]", page, re.MULTILINE)
+    assert re.search(rf"^\| `{verb}[` ]", page, re.MULTILINE), f"docs/reference/commands.md lacks the row `{verb}`"
     rows = [row for row in table_rows(page) if {verb, "all", "both"} & set(re.split(r"[, ]+", row[1]))]
     listed = set(re.findall(r"`(-[\w-]+)`", " ".join(row[0] for row in rows)))
     command = command_of(verb)

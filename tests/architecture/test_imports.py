@@ -152,6 +152,7 @@ def test_packages_import_only_what_they_may():
 
 def test_the_command_line_imports_a_package_only_for_its_verb():
     allowed = (
+        "common.command_call",
         "common.errors",
         "common.files",
         "common.interrupt",
