@@ -48,12 +48,12 @@ Node = FlatTable | Bytes | FlatTables | Existing
 
 
 def text(word: str) -> Bytes:
-    """A string."""
+    """A string as FlatBuffers store it: UTF-8, and a zero behind it that does not count."""
     return Bytes(word.encode() + b"\0", len(word.encode()))
 
 
 def floats(*values: float) -> Bytes:
-    """A vector of float32."""
+    """A vector of these numbers as float32."""
     return Bytes(struct.pack(f"<{len(values)}f", *values), len(values))
 
 

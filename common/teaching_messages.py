@@ -54,7 +54,7 @@ class TaughtPlace(MessagePart):
         return self
 
     def distance(self, other: FloorPlace) -> float:
-        """As of `FloorPlace`."""
+        """The distance to the other place, as `FloorPlace.distance` has it."""
         return FloorPlace(at=self.at, covariance=self.covariance).distance(other)
 
 

@@ -62,7 +62,7 @@ class WordWrap:
         return len(text)
 
     def flush(self) -> None:
-        """Write all."""
+        """Write the unfinished line too, as it is."""
         rest, self._line = self._line, ""
         self._stream.write(rest)
         self._stream.flush()

@@ -83,12 +83,12 @@ def fields(content: bytes, table: int, slots: range) -> "dict[int, int | Node]":
 
 
 def number(content: bytes, place: int) -> int:
-    """The whole number there."""
+    """The uint32 at byte `place` of the file."""
     return int(struct.unpack_from("<I", content, place)[0])
 
 
 def reference(content: bytes, place: int) -> int:
-    """Where that to which the field there refers lies."""
+    """The byte to which the reference at byte `place` leads."""
     return place + number(content, place)
 
 

@@ -42,12 +42,12 @@ class SeenTrack:
 
     @property
     def at(self) -> Floats:
-        """(2,) x and z."""
+        """(2,) x and z on the floor, metres."""
         return np.array(self.place.at)
 
     @property
     def covariance(self) -> Floats:
-        """(2, 2) with what cameras differ by."""
+        """(2, 2) m², of the tracking and of what cameras differ by about one body."""
         xx, xz, zz = self.place.covariance
         return np.array([[xx + BODY_SPREAD_M**2, xz], [xz, zz + BODY_SPREAD_M**2]])
 
@@ -71,7 +71,7 @@ class _Track:
 
     @property
     def waits(self) -> bool:
-        """Whether it fits nobody."""
+        """Whether it has no person, and fits none who is known."""
         return self.person is None and not self.fits
 
 

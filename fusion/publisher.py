@@ -36,7 +36,7 @@ PUBLISHED_LIMIT = 128
 
 
 def put_now(publisher: Publisher, payload: bytes) -> None:
-    """Send at once."""
+    """Send now, not with the other scenes of a batch."""
     publisher.put(payload)
 
 

@@ -24,7 +24,7 @@ class JudgedScore(NamedTuple):
 
     @property
     def weight(self) -> float:
-        """Among those that stay."""
+        """Of the score in the mean."""
         return self.certainty * self.trust
 
 

@@ -19,7 +19,7 @@ JsonFile = Annotated[Path | None, typer.Option(help="File for the figures as JSO
 
 @dataclass(frozen=True, slots=True)
 class EvaluateOptions:
-    """As typed on the command line."""
+    """The options of `labanmesh evaluate`, as they were typed."""
 
     archive: Annotated[Path | None, typer.Argument(help="The motion archive (.npz); none with --sensor.")] = None
     views: Annotated[

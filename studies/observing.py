@@ -58,7 +58,7 @@ class OutputCourse:
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What is observed."""
+    """What observers watch: the trials, the streams, or both."""
 
     trials: bool = True
     streams: bool = False

@@ -65,7 +65,7 @@ def warning(what: str, to_do: str) -> Finding:
 
 
 def error(what: str, to_do: str) -> Finding:
-    """It does not work."""
+    """It does not work until the user does `to_do`."""
     return Finding("error", what, to_do)
 
 

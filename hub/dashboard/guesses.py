@@ -34,7 +34,7 @@ class GuessLimit:
         return 0 if len(words) < GUESSES else max(1, math.ceil(min(words.values()) + WINDOW_S - now_s))
 
     def wrong(self, address: str, word: str, now_s: float) -> None:
-        """Count a wrong word."""
+        """Count a wrong token from this address; the same one again counts once."""
         words = self._wrong.setdefault(address, {})
         self._wrong.move_to_end(address)
         # A digest, because a wrong word may be somebody's password for something else.

@@ -26,7 +26,7 @@ NO_FILE = Path()
 
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
-    """As typed on the command line."""
+    """The options of `labanmesh teach`, as they were typed."""
 
     scene: Annotated[
         Path,

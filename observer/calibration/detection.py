@@ -70,7 +70,7 @@ def find_boards(
 
 
 def detector(board: Board) -> Detector:
-    """The function that detects this board's corners in a gray picture."""
+    """The function that finds this board in a gray picture: which corners, and where in px; None without one."""
     return _charuco_detector(board) if isinstance(board, Charuco) else _chessboard_detector(board)
 
 

@@ -42,7 +42,7 @@ Skips = Callable[[int], bool]
 
 
 def none_skipped(_number: int) -> bool:
-    """Every picture is wanted."""
+    """Leave out no picture."""
     return False
 
 
@@ -169,7 +169,7 @@ def write_film(path: Path, rate_hz: float, size_px: Size, pictures: Iterable[Pic
 
 
 def require_size(file: Path, picture: Picture, size_px: Size, like: str = "its first picture") -> None:
-    """BadInput unless the picture has this width and height."""
+    """Raises BadInput unless the picture has this width and height, those of `like` in the error."""
     size = size_of(picture)
     if size != size_px:
         raise BadInput(

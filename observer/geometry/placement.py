@@ -64,7 +64,7 @@ def parse_place(text: str) -> tuple[float, ...] | None:
 
 
 def facing_of(right: NDArray[np.floating]) -> float:
-    """(3,) direction of a person's right side in the room -> the facing in degrees, -180 to 180."""
+    """(3,) direction of a person's right side in the room -> PersonPlacement's facing_deg, from -180 to 180."""
     return math.degrees(math.atan2(-float(right[2]), float(right[0])))
 
 

@@ -13,7 +13,7 @@ Texts = list[str] | None
 
 @dataclass(frozen=True, slots=True)
 class LearnOptions:
-    """As typed on the command line."""
+    """The options of `labanmesh learn`, as they were typed."""
 
     output: Annotated[
         Path,

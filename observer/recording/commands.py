@@ -28,7 +28,7 @@ Gate = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
-    """As typed on the command line."""
+    """The options of `labanmesh camera record`, as they were typed."""
 
     scene: Annotated[Path, typer.Argument(help="The scene file; its observers with a camera file are recorded.")]
     output: Annotated[

@@ -47,7 +47,7 @@ class HandTracker:
         self._handedness, self._mirror = HandednessEvidence(), mirror
 
     def predict(self, seconds: float) -> None:
-        """Predict ahead."""
+        """Predict where both hands are so many seconds later."""
         for part in self.parts:
             part.predict(seconds)
 

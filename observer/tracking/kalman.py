@@ -133,7 +133,7 @@ class TrackedPart:
         self.state = State.SEEN
 
     def predict(self, seconds: float) -> None:
-        """Predict ahead."""
+        """Predict the part's place so many seconds later, if it is followed."""
         if self.filter is not None:
             self.filter.predict(seconds)
 

@@ -62,7 +62,7 @@ class _Followed:
         return JUMP + SPEED / 2 * (at_ns - self.seen_ns) / SECOND_NS
 
     def distance(self, other: "Detection | _Followed", at_ns: int) -> float:
-        """Heights between the middles."""
+        """Between the middles of the two bodies at `at_ns`, in heights of this one."""
         du, dv = self.moved(at_ns)
         u, v = (other.u, other.v) if isinstance(other, Detection) else other.place(at_ns)
         return math.hypot(self.body.u + du - u, self.body.v + dv - v) / self.body.height

@@ -70,7 +70,7 @@ def pooled(scores: Mapping[str, JudgeScore]) -> float | None:
 
 
 def agreed_remarks(scores: Mapping[str, JudgeScore]) -> list[Remark]:
-    """The referee's remarks: those of half of the judges that score."""
+    """The referee's remarks: those that at least half of the judges with a score make."""
     return pooled_remarks([each.remarks for each in scores.values() if each.score is not None])
 
 
@@ -93,7 +93,7 @@ class ScoredPerformance:
         return agreed_remarks(self.scores)
 
     def as_fields(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """The result as `labanmesh score --json` prints it."""
         why = self.uncertain or next((each.uncertain for each in self.scores.values() if each.uncertain), "")
         judged = {view: None if each.score is None else round(each.score, 1) for view, each in self.scores.items()}
         remarks = [
@@ -123,7 +123,7 @@ class Judges:
         self._known: dict[tuple[int, ...], dict[str, ReferenceTakes]] = {}
 
     def judge(self, performance: Recording, references: Sequence[Recording]) -> ScoredPerformance:
-        """JudgeScore one performance; why it has no score is in the result."""
+        """Score one performance against reference takes; the result says why it has no score."""
         key = tuple(id(each) for each in references)
         try:
             if key not in self._known:
