@@ -2,7 +2,7 @@
 
 import json as json_text
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast, get_args
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -26,9 +26,6 @@ def replay(
         int | None, typer.Option(min=1, max=1000, help="Another number of observers that must agree.")
     ] = None,
     threshold: Annotated[float | None, typer.Option(min=0, max=1, help="Another least fused probability.")] = None,
-    source: Annotated[
-        str | None, typer.Option("--from", help="judgements, or posteriors; default: judgements if there are any.")
-    ] = None,
     json: Annotated[bool, typer.Option("--json", help="The result as JSON.")] = False,
     onto: Annotated[
         Path | None, typer.Option(metavar="SCENE", help="Play it onto the mesh of this scene file instead of judging.")
@@ -59,21 +56,21 @@ def replay(
     if onto is None:
         if options != PlaybackOptions():
             raise BadInput("--speed, --only: only for playing back; add --onto SCENE")
-        raise typer.Exit(0 if _judge(CaptureFile(capture), change, source, json) else 1)
-    if change.any or json or source:
-        raise BadInput("--onto SCENE plays a capture unchanged; omit --without, --rule, --quorum, --from and --json")
+        raise typer.Exit(0 if _judge(CaptureFile(capture), change, json) else 1)
+    if change.any or json:
+        raise BadInput(
+            "--onto SCENE plays a capture unchanged; omit --without, --rule, --quorum, --threshold and --json"
+        )
     _play(CaptureFile(capture), onto, options)
 
 
-def _judge(capture: "CaptureFile", change: "ReplayChange", source: str | None, json: bool) -> bool:
+def _judge(capture: "CaptureFile", change: "ReplayChange", json: bool) -> bool:
     """Judge it again and print the result; returns whether it agrees wherever it should."""
-    from studies.replay.comparison import Source, as_json, as_text
+    from studies.replay.comparison import as_json, as_text
     from studies.replay.judging import judge_again
 
-    if source is not None:
-        one_of("--from", source, get_args(Source))
     with ProgressBar() as bar:
-        result = judge_again(capture, change, cast("Source | None", source), bar)
+        result = judge_again(capture, change, bar)
     name = str(capture.path)
     if json:
         print(json_text.dumps(as_json(result, name, capture.complete), indent=1))

@@ -32,10 +32,8 @@ VERDICTS_REPEATED = 10
 M = TypeVar("M", bound=Message)
 
 
-def judge_again(
-    capture: "CaptureFile", change: ReplayChange, source: Source | None = None, progress: Progress = lambda *_: None
-) -> ReplayResult:
-    """Judge `capture` again; source None: from its judgements if they have full votes, else from its posteriors.
+def judge_again(capture: "CaptureFile", change: ReplayChange, progress: Progress = lambda *_: None) -> ReplayResult:
+    """Judge `capture` again from its judgements if they have full votes, else from its posteriors.
 
     Raises BadInput for an impossible change, LabanmeshError for a capture without anything to judge.
     """
@@ -44,9 +42,11 @@ def judge_again(
     change = change.in_place_of(summary.rule or capture.scene.fusion.rule)
     # Short votes are not exact; they are better than nothing.
     exact = summary.judgements and (summary.full or not summary.posteriors)
-    chosen = source or ("judgements" if exact else "posteriors")
-    if not (summary.judgements if chosen == "judgements" else summary.posteriors):
-        raise LabanmeshError(f"{capture.path}: contains no {chosen}, so there is nothing to judge again")
+    chosen: Source = "judgements" if exact else "posteriors"
+    if not (summary.judgements or summary.posteriors):
+        raise LabanmeshError(
+            f"{capture.path}: contains neither judgements nor posteriors: there is nothing to judge again"
+        )
     if chosen == "judgements":
         replayed = _from_judgements(capture, summary, change, progress)
         # The judgements of the last verdicts may be missing at the end of the capture.

@@ -83,7 +83,6 @@ def test_a_replay_is_the_same_bit_for_bit_and_a_killed_capture_is_its_beginning(
     assert received == payloads(whole, keys.verdict)[: len(received)]
     assert labanmesh.main(["replay", str(killed)]) == 0
     assert "the capture was cut off" in (output := capsys.readouterr().out) and "bit for bit" in output
-    assert labanmesh.main(["replay", str(whole), "--from", "posteriors"]) == 0
 
 
 def played_onto(scene, scene_file, whole):
