@@ -16,17 +16,6 @@ QUICK = {"rounds": 1, "batch_s": 0.0}
 AT_NS = 1_700_000_000_123_456_789
 
 
-def test_the_file_and_the_table_have_each_row_with_its_cost_over_the_floor(capsys):
-    rows = measured({"mesh": lambda: [row("a step", 6.0, 4.0, "us", 5), row("a put", 1.0, 0.25, "ms", 7)]}, 60.0)
-    first, _ = json.loads(as_json(rows))
-    assert first == {"name": "a step", "ours": 6.0, "floor": 4.0, "ratio": 1.5, "unit": "us", "n": 5}
-    lines = table(rows).splitlines()
-    assert lines[2].split() == ["a", "step", "6.0", "us", "4.0", "us", "1.50", "+2.0", "us", "5"]
-    assert lines[3].split()[-3:] == ["+0.750", "ms", "7"]
-    progress = capsys.readouterr().err.splitlines()
-    assert progress[0] == "[1/1] mesh ..." and [text.split(" s  ")[1] for text in progress[1:]] == ["a step", "a put"]
-
-
 def test_a_part_that_fails_or_has_no_time_left_is_left_out_in_one_line_and_the_others_are_measured(capsys):
     def fails():
         yield row("first", 2.0, 1.0, "ms", 1, goal=3.0)

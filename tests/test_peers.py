@@ -13,9 +13,7 @@ from benchmarks.comparisons.classifiers import __main__ as commands
 from benchmarks.comparisons.classifiers.comparison import (
     PEERS,
     PRODUCT,
-    AccuracyCurve,
     Peer,
-    PeerComparison,
     PeerOptions,
     compare_peers,
 )
@@ -23,7 +21,7 @@ from benchmarks.comparisons.classifiers.panels import (
     make_panel,
     view_centres,
 )
-from benchmarks.comparisons.classifiers.tables import accuracy_interval, as_json, as_markdown, peer_rows
+from benchmarks.comparisons.classifiers.tables import accuracy_interval, peer_rows
 from observer.geometry.views import parse_view
 from observer.model.rocket import MiniRocket, choose_dilations
 from observer.motion.archive_file import write_archive
@@ -31,7 +29,7 @@ from observer.tracks import BODY_PARTS
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform
 from studies.report import FRACTIONS
-from studies.trials import SUBSETS, make_trials
+from studies.trials import make_trials
 
 DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))
 PHASE = {"model": "phase", "calibrated": False}
@@ -115,28 +113,6 @@ def test_the_interval_of_many_people_is_that_of_independent_trials():
     right = np.array([[float(p in "01") for p in people]])
     alone, few = (accuracy_interval([right], [names]) for names in ([str(n) for n in range(250)], people))
     assert few.high[0] - few.low[0] > 4 * (alone.high[0] - alone.low[0])
-
-
-def comparisons():
-    people = ("a", "b", "a", "b")
-    right = np.array([[1.0, 1, 1, 0]] * len(FRACTIONS))
-    curves = (AccuracyCurve("ours, fused", right), AccuracyCurve("MiniRocket", 1 - right))
-    return [PeerComparison("all 20", people, curves), *(PeerComparison(name, people, curves) for name in SUBSETS)]
-
-
-def test_the_table_has_every_classifier_and_the_differences():
-    rows = peer_rows(comparisons())
-    assert [r.movements for r in rows[::3]] == ["all 20", "AS1", "AS2", "AS3", "mean of AS1, AS2, AS3"]
-    assert [r.classifier for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
-    lines = as_markdown(rows, FRACTIONS).splitlines()
-    assert len(lines) == 2 + len(rows) and len({line.count("|") for line in lines}) == 1
-    assert lines[0].startswith("| movements | judged by | 20% |") and lines[0].endswith("| area |")
-    assert lines[2].startswith("| all 20 | ours, fused | 0.750 (") and lines[4].startswith("|  | ours, fused − MiniRo")
-    assert "| +0.500 (" in lines[4]
-    figures = json.loads(json.dumps(as_json(rows, FRACTIONS)))
-    assert figures[0]["accuracy_at"]["0.2"] == 0.75 and figures[1]["area"] == 0.25
-    low, high = figures[0]["interval"]["area"]
-    assert low < 0.75 <= high
 
 
 @with_aeon

@@ -1,17 +1,15 @@
 """The comparison of transports: what its figures and its table say, and, where the tools are, real runs over each."""
 
 import importlib.util
-import json
 import os
 from pathlib import Path
 
 import msgpack
 import pytest
 
-from benchmarks.comparisons.transports import clients, commands
+from benchmarks.comparisons.transports import clients
 from benchmarks.comparisons.transports.actors import ReceivedJudgement
 from benchmarks.comparisons.transports.clients import KINDS, AvailableKinds, available
-from benchmarks.comparisons.transports.commands import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown
 from benchmarks.comparisons.transports.stage import (
     LADDER_HZ,
     flooded,
@@ -27,7 +25,6 @@ from common.wire import decode
 ROOT = Path(__file__).parents[1]
 LONG = "LABANMESH_TRANSPORTS" in os.environ
 long_only = pytest.mark.skipif(not LONG, reason="many processes: make test-transports runs it")
-page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
 
 
 def test_latency_is_the_time_to_the_first_judgement_with_a_message_or_a_later_one():
@@ -45,25 +42,6 @@ def test_the_traffic_is_posteriors_and_a_judgement_of_the_wire():
     assert "newest" not in msgpack.unpackb(judgement(4)), "the benchmark adds this key; the wire must not have it"
 
 
-def figures(name):
-    """Of `name`, as if measured: every figure of the table, but a broker's where there is none."""
-    keys = [row.key for row in ROWS if KINDS[name].broker or "broker" not in row.key]
-    return {key: FigureRange(0.5, 0.25, 0.75) for key in keys}
-
-
-def test_the_table_has_a_column_each_and_leaves_a_cell_empty_that_one_lacks():
-    text = as_markdown({name: figures(name) for name in ("ours", "mqtt")}, "facts.", ["NATS is left out: ..."])
-    lines = text.splitlines()
-    assert lines[0] == "facts." and "- NATS is left out: ..." in lines
-    assert f"- MQTT: {KINDS['mqtt'].quality}" in lines
-    assert "|  | ours | MQTT |" in lines
-    assert lines[-len(ROWS)] == f"| {ROWS[0].words} | 0.50 (0.25 to 0.75) | 0.50 (0.25 to 0.75) |"
-    (broker,) = [line for line in lines if "CPU of the broker" in line]
-    assert broker.endswith("|  | 0.5 (0.2 to 0.8) |")
-    assert "CPU of the broker" not in as_markdown({"ours": figures("ours")}, "", [])
-    assert {row.key.partition("/")[0] for row in ROWS} == {run.name for run in RUNS}
-
-
 def test_a_transport_that_lacks_something_is_left_out_and_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "zmq" else object())
     monkeypatch.setattr(clients, "program", lambda name: None if name == "nats-server" else name)
@@ -74,18 +52,6 @@ def test_a_transport_that_lacks_something_is_left_out_and_says_how_to_get_it(mon
             "ZeroMQ is left out: Python finds no zmq; pip install 'labanmesh[transports]'",
         ],
     )
-
-
-def test_the_table_goes_into_the_page_and_the_measured_into_the_file(tmp_path, monkeypatch, capsys):
-    (tmp_path / "page.md").write_text(page, encoding="utf-8")
-    monkeypatch.setattr(commands, "measure", lambda chosen, *_: {name: figures(name) for name in chosen})
-    arguments = ["--only", "ours", "--json", str(tmp_path / "made" / "a.json"), "--page", str(tmp_path / "page.md")]
-    assert commands.main(arguments) == 0
-    table = capsys.readouterr().out
-    assert (tmp_path / "page.md").read_text("utf-8") == f"before\n{BEGIN}\n{table}{END}\nafter\n"
-    assert "eclipse-zenoh 1." in table and "paho" not in table
-    values = json.loads((tmp_path / "made" / "a.json").read_text("utf-8"))
-    assert values["transports"]["ours"]["flood/taken_hz"] == {"median": 0.5, "low": 0.25, "high": 0.75}
 
 
 def require(name):

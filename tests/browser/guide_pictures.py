@@ -124,6 +124,7 @@ def draw_stories(chromium, folder, work):
             scene.publish_verdict("squat", 2, repetitions=8, partial_repetitions=1)
             page.fill("#target", "10")
             page.press("#target", "Tab")
+            page.evaluate("document.activeElement.blur()")
             page.wait_for_selector("#counted:has-text('8')")
             count = page.locator("#counter").screenshot()
             scores = {"sofa": 7.6, "shelf": 8.1, "door": 7.9}
@@ -220,7 +221,7 @@ def main(words):
         draw_fall(chromium, folders[0], Path(work))
         draw_teach(chromium, folders[0], Path(work), "dark" if "--dark" in words else "light")
         chromium.close()
-        save(draw_phone(driver, path, PHONE), folders[0] / "phone.png")
+        save(draw_phone(driver, path, PHONE | {"viewport": {"width": 390, "height": 604}}), folders[0] / "phone.png")
 
 
 if __name__ == "__main__":

@@ -54,13 +54,6 @@ def test_every_figure_is_drawn(draw, tmp_path):
     assert "<svg" in draw(tmp_path / "a.svg").read_text("utf-8")
 
 
-def test_the_same_figure_is_the_same_bytes(tmp_path):
-    first, second = (
-        reliability_figure(CURVES, {"many": 0.02, "one": 0.0}, tmp_path / name) for name in ("a.svg", "b.svg")
-    )
-    assert first.read_bytes() == second.read_bytes()
-
-
 def test_an_unknown_kind_of_file_is_bad_input(tmp_path):
     assert save(Figure(), tmp_path / "deep" / "x.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(BadInput, match=r"\.bmp.*known: \.png"):

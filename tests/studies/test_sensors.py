@@ -93,7 +93,7 @@ def test_a_performance_is_judged_by_the_sensors_that_have_it(archive):
     assert 0 <= judge_streams(performances(sensors), settings(sensors=sensors))["f1"] <= 1
 
 
-@pytest.mark.parametrize("fault", ["wrong", "noise", "silent", "late", "hidden"])
+@pytest.mark.parametrize("fault", ["wrong", "hidden"])
 def test_a_faulty_sensor_says_nothing_about_what_it_did_not_record(archive, fault):
     lacking = [r for r in archive.recordings if (r.label, r.subject) != ("ok", "3")]
     sensors = (archive, with_recordings(archive, lacking))
