@@ -18,6 +18,16 @@ def archive():
     return perform(trials=4, seed=7)
 
 
+def of(archive, label):
+    return [recording for recording in archive.recordings if recording.label == label]
+
+
+def swung(recording, part=RIGHT):
+    """Extent in metres, (3,), over the middle of a recording: what a swing moves and a hold does not."""
+    frames = len(recording.positions)
+    return np.ptp(recording.positions[frames * 2 // 5 : frames * 3 // 5, part], axis=0)
+
+
 def test_the_papers_database(archive):
     assert MOVEMENTS == ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", "nthrow")
     assert PEOPLE == ("1", "2", "3", "4")
@@ -57,6 +67,22 @@ def test_recordings_keep_to_anatomy(seed):
         assert 1.5 <= len(recording.positions) / 15 <= 4.0
         ends = recording.positions[[0, -1]]
         assert np.linalg.norm(ends[0] - ends[1], axis=-1).max() < 0.15
+
+
+def test_nthrow_swings_front_and_back_and_looks_like_ok_from_the_door(archive):
+    for recording in of(archive, "nthrow"):
+        x, y, z = swung(recording)
+        assert z > max(0.1, 2 * y, 3 * x)
+    nthrow, ok = (
+        np.mean([r.positions[len(r.positions) // 2, RIGHT] for r in of(archive, m)], 0) for m in ("nthrow", "ok")
+    )
+    assert np.abs(nthrow - ok)[[X, Y]].max() < 0.08
+
+
+def test_maestro_swings_as_byebye_does_from_the_door_and_not_from_the_wheel(archive):
+    maestro, byebye = (np.median([swung(r) for r in of(archive, m)], axis=0) for m in ("maestro", "byebye"))
+    assert maestro[X] == pytest.approx(byebye[X], rel=0.25)
+    assert maestro[Z] > 5 * byebye[Z]
 
 
 @pytest.mark.parametrize("person", PEOPLE)
