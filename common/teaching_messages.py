@@ -45,17 +45,18 @@ CountOf = Annotated[dict[Label, Count], Field(max_length=LABELS_LIMIT)]
 class TaughtPlace(MessagePart):
     """Where on the floor somebody stands, in the axes of the camera files: x, z in m; covariance xx, xz, zz in m²."""
 
-    at: tuple[FiniteFloat, FiniteFloat]
-    covariance: tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+    at: Annotated[list[FiniteFloat], Field(min_length=2, max_length=2)]
+    covariance: Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 
     @model_validator(mode="after")
     def _is_a_place(self) -> "TaughtPlace":
-        FloorPlace(at=self.at, covariance=self.covariance)
+        self.on_floor()
         return self
 
-    def distance(self, other: FloorPlace) -> float:
-        """The distance to the other place, as `FloorPlace.distance` has it."""
-        return FloorPlace(at=self.at, covariance=self.covariance).distance(other)
+    def on_floor(self) -> FloorPlace:
+        """The same as posteriors carry it; raises ValueError if it is no place."""
+        (x, z), (xx, xz, zz) = self.at, self.covariance
+        return FloorPlace(at=(x, z), covariance=(xx, xz, zz))
 
 
 class TeachRequest(Message):

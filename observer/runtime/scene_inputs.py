@@ -85,8 +85,8 @@ def open_inputs(
     """Open the source and the tracker of `observer`.
 
     wanted: the body parts that its model reads; None: it has no model yet, and all parts that the tracker finds are
-    wanted (hands and head of other programs' tracks, the whole body of a phone's). fewer_parts: as in
-    `PreparedTracker`. smooth: as in `TrackerSettings`.
+    wanted (of other programs' tracks hands and head, or the whole body where several people are judged; of a phone's
+    the whole body). fewer_parts: as in `PreparedTracker`. smooth: as in `TrackerSettings`.
 
     Raises BadInput for an unknown observer, source, tracker or view, for files that are missing or invalid, and for a
     tracker that cannot read what the source delivers.
@@ -212,7 +212,10 @@ def _tracks(
         name, way_out = f"phone {observer}", f"open the page of labanmesh phone {scene.file} {observer} on it"
         lines = LineTracks(name, report, body_parts=tuple(wanted or WHOLE_BODY), way_out=way_out)
         return MeshTracks(scene.keys.tracks(observer), lines)
-    wanted = of_people(wanted or BODY_PARTS, most)
+    wanted = tuple(wanted or BODY_PARTS)
+    if most > 1:
+        # Hands and head alone hardly tell where somebody stands.
+        wanted = of_people((*wanted, *(part for part in WHOLE_BODY if part not in wanted)), most)
     if source == STANDARD_INPUT:
         return PipedTracks(sys.stdin.buffer, LineTracks("standard input", report, body_parts=wanted))
     key = source.removeprefix(MESH_KEY)

@@ -122,7 +122,7 @@ class TeachableObserver:
             self._taught.expect(request)
             reply = self._teaching.handle(request, self._asked_s, vocabulary.labels if vocabulary else ())
             if (place := self._taught.place) is not None:
-                at = TaughtPlace(at=place.at, covariance=place.covariance)
+                at = TaughtPlace(at=list(place.at), covariance=list(place.covariance))
                 reply = reply.model_copy(update={"place": at})
             takes = self._teaching.recorded() if request.command == "check" and not reply.fault else None
         if takes is not None:

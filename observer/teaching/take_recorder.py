@@ -124,7 +124,7 @@ class TakeRecorder:
         """Count who is in the picture, also while nobody teaches."""
         self._people.update(at_ns, tracks)
 
-    def step(self, at_ns: int, tracks: Tracks) -> None:
+    def step(self, at_ns: int, tracks: Tracks, complaint: str = "") -> None:
         """Take in one frame, which the recorder has, and whose people have been counted."""
         self._claps.update(at_ns, tracks)
         tracks = Tracks(tracks.centres[self._rows])
@@ -138,7 +138,7 @@ class TakeRecorder:
             if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
                 self._write_piece(current, at_ns)
             return
-        current.watch.update(at_ns, self._stream.probability, tracks)
+        current.watch.update(at_ns, self._stream.probability, tracks, complaint)
         if current.watch.phase == "done":
             self._finish(current)
 

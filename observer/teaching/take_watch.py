@@ -52,8 +52,9 @@ class TakeWatch:
         """Length so far."""
         return (self.end_ns - self.begin_ns) / SECOND_NS
 
-    def update(self, at_ns: int, still: float, tracks: Tracks) -> None:
-        """Take in one frame: how probably the person stands still in it, and where the parts are."""
+    def update(self, at_ns: int, still: float, tracks: Tracks, complaint: str = "") -> None:
+        """Take in one frame: how probably the person stands still in it, and where the parts are; complaint: why the
+        tracker finds nobody."""
         if self.phase == "done":
             return
         self.end_ns = max(at_ns, self.end_ns)
@@ -65,7 +66,7 @@ class TakeWatch:
         self._rests_since_ns = None if moves else (self._rests_since_ns or at_ns)
         away = self._away(tracks.centres)
         if self.phase == "waiting":
-            self._wait(at_ns)
+            self._wait(at_ns, complaint)
         else:
             self._way = max(self._way, away or 0.0)
             needed_s = RESTS_S if away is None or away <= SAME_POSTURE else HOLDS_S
@@ -80,12 +81,13 @@ class TakeWatch:
         """The take cannot be used."""
         self.phase, self.fault = "done", fault
 
-    def _wait(self, at_ns: int) -> None:
+    def _wait(self, at_ns: int, complaint: str = "") -> None:
         waited_s = (at_ns - self._signal_ns) / SECOND_NS
         if self._lasts(self._moves_since_ns, at_ns, MOVES_S):
             self.phase = "moving"
         elif not self._seen and waited_s >= UNSEEN_S:
-            self.phase, self.fault = "done", "nobody was seen: stand where the camera sees head and hands"
+            fault = complaint or "nobody was seen: stand where the camera sees head and hands"
+            self.phase, self.fault = "done", fault
         elif waited_s >= WAIT_S:
             self.phase, self.fault = "done", f"nobody moved within {WAIT_S:g} s of the signal"
 

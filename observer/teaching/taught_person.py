@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.floor_place import KEEP, PERSON_GATE, FloorPlace
-from common.teaching_messages import TaughtPlace, TeachRequest
+from common.teaching_messages import TeachRequest
 from observer.runtime.people_observer import FloorPlacer
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracking.person_keeper import seen_people
@@ -25,16 +25,18 @@ class TaughtPerson:
 
     def __init__(self, placer: FloorPlacer) -> None:
         self._placer = placer
-        self._expected: TaughtPlace | None = None
+        self._expected: FloorPlace | None = None
         self._id: int | None = None
+        self._is_begun = False
         self.place: FloorPlace | None = None
         self.complaint = ""
 
     def expect(self, request: TeachRequest) -> None:
-        """Take in what a teacher asks; with each take the person is chosen anew."""
+        """Take in what a teacher asks; with each take, and at each look before the first, the person is chosen anew."""
         if request.command in ("status", "begin"):
-            self._expected = request.place
-        if request.command == "begin":
+            self._expected = None if request.place is None else request.place.on_floor()
+        self._is_begun |= request.command == "begin"
+        if request.command == "begin" or not self._is_begun:
             self._id = None
 
     def tracks(self, tracker: PreparedTracker, width_px: int) -> Tracks | None:

@@ -81,7 +81,7 @@ class Teaching:
             # Nobody teaches, and stillness costs time.
             self._recording.abandon()
             return
-        self._recording.step(at_ns, tracks)
+        self._recording.step(at_ns, tracks, complaint)
 
     def is_taught(self, now_s: float) -> bool:
         """Whether a teacher is at work."""

@@ -13,6 +13,7 @@ from common.config_people import PeopleConfig
 from common.errors import BadInput
 from common.floor_place import FloorPlace
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
+from common.teaching_messages import TaughtPlace, TeachReply, TeachRequest
 from common.wire import decode, encode
 
 SHORT = {"cam1": vote(root_p=[200, 100], reliability=1.0, rest=0.1)}
@@ -38,6 +39,10 @@ def test_a_place_survives_the_wire(x, z, xx, zz):
     place = FloorPlace(at=(x, z), covariance=(xx, 0.0, zz))
     message = decode(PosteriorMessage, encode(posterior(person="3", place=place)))
     assert (message.person, message.place) == ("3", place)
+    taught = TaughtPlace(at=[x, z], covariance=[xx, 0.0, zz])
+    asked = decode(TeachRequest, encode(TeachRequest(command="begin", teacher="anna", place=taught)))
+    answered = decode(TeachReply, encode(TeachReply(state="idle", place=taught)))
+    assert asked.place == answered.place == taught and taught.on_floor() == place
     kinds = (JudgementMessage, judgement), (VerdictMessage, verdict)
     for kind, make in kinds:
         made = decode(kind, encode(make(person="left", place=[x, z])))

@@ -235,7 +235,7 @@ def test_a_lesson_says_whom_it_teaches_where_several_are_seen():
 
 
 def test_all_cameras_are_told_where_the_one_stands_who_is_taught():
-    place = TaughtPlace(at=(0.9, 0.0), covariance=(0.04, 0.0, 0.04))
+    place = TaughtPlace(at=[0.9, 0.0], covariance=[0.04, 0.0, 0.04])
     sofa, shelf, door = Observer(), Observer(), Observer()
     sofa.people, sofa.side, sofa.place = 2, "left", place
     shelf.people, shelf.side, shelf.place = 2, "right", place

@@ -47,7 +47,7 @@ class Camera:
     @property
     def place(self):
         own = self.taught.place
-        return None if own is None else TaughtPlace(at=own.at, covariance=own.covariance)
+        return None if own is None else TaughtPlace(at=list(own.at), covariance=list(own.covariance))
 
 
 LEFT, RIGHT = (0.9, 0.0), (-0.9, 0.2)
@@ -90,8 +90,8 @@ def test_cameras_that_number_people_differently_learn_from_the_same_one(cameras)
 
 def test_nobody_is_taught_where_nobody_fits_or_two_do(cameras):
     camera = cameras[0]
-    between = TaughtPlace(at=(0.0, 0.1), covariance=(0.04, 0.0, 0.04))
-    for place in (between, TaughtPlace(at=(5.0, 5.0), covariance=(0.04, 0.0, 0.04))):
+    between = TaughtPlace(at=[0.0, 0.1], covariance=[0.04, 0.0, 0.04])
+    for place in (between, TaughtPlace(at=[5.0, 5.0], covariance=[0.04, 0.0, 0.04])):
         camera.ask("begin", place)
         tracks = camera.see((0.3, 0.1), (-0.3, 0.1)) if place is between else camera.see(LEFT, RIGHT)
         assert not tracks.visible.any() and camera.place is None and "not sure" in camera.taught.complaint
