@@ -161,7 +161,23 @@ class Lesson:
             self._interface.say(line)
             self._crowds.add(line)
         pause_s = BETWEEN_S if self._plan.countdown else 0.0
-        return self._interface.between(replace(step, kind="between"), OFFER_S if crowd else pause_s)
+        return self._between(replace(step, kind="between"), OFFER_S if crowd else pause_s)
+
+    def _between(self, step: Step | None, seconds: float) -> Action:
+        """What is pressed within so many seconds; None: nothing can be. Where cameras tell people apart, they are told
+        meanwhile where the one stands whom they teach: one of them may lose sight of whom another one sees."""
+        interface, action = self._interface, GO
+        end_s = interface.now_s() + seconds
+        while True:
+            left_s = end_s - interface.now_s()
+            part_s = min(left_s, LOOK_S) if self._participants.by_place else left_s
+            if step is None:
+                interface.pause(part_s)
+            elif (action := interface.between(step, part_s)).kind != "go":
+                return action
+            if part_s >= left_s:
+                return GO
+            self._participants.request("status")
 
     def _contradictions(self) -> None:
         """Say which takes look like those of another movement, and offer to repeat those that do so from everywhere."""
@@ -187,7 +203,7 @@ class Lesson:
         """Count down, `begin`, and only then say `now`: who reacts in 0.2 s must not be faster than a busy machine."""
         for left in range(self._plan.countdown, 0, -1):
             self._interface.show(replace(step, kind="countdown", left_s=left))
-            self._interface.pause(1.0)
+            self._between(None, 1.0)
         begin()
         self._interface.show(step)
 
@@ -225,7 +241,7 @@ class Lesson:
         while (rest_s := end_s - interface.now_s()) > 0:
             step = Step("other", of=round(left_s), left_s=rest_s)
             interface.show(step)
-            if interface.between(step, min(1.0, rest_s)).kind == "skip":
+            if self._between(step, min(1.0, rest_s)).kind == "skip":
                 break
             participants.request("status")
         ended = participants.request("end")

@@ -39,15 +39,19 @@ class Participants:
     """Observers whose cameras deliver nothing."""
     place: TaughtPlace | None = None
     """Where the one stands who is taught, as the first observer that knows it sees them."""
+    by_place: bool = False
+    """Whether an observer has said where; from then on all are told at each look, because people walk."""
 
     def request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
         """Ask all participants. An observer that does not answer is left out until it answers again.
 
         Raises LabanmeshError if none answers for RETURN_S.
         """
+        if command == "begin" and self.by_place:
+            self.request("status")
         where = {"place": self.place} if command in ("status", "begin") else {}
         answers = self.ask(self._made(command, **fields, **where), self.observers)
-        self.place = next((reply.place for reply in answers.replies.values() if reply.place is not None), None)
+        self._note_places(answers)
         for name in answers.silent:
             self.interface.say(f"{name}: no answer any more; the others go on")
         for name, fault in answers.faults.items():
@@ -61,6 +65,16 @@ class Participants:
             self._wait_for_return()
             return self.request(command, **fields)
         return answers.replies
+
+    def _note_places(self, answers: Answers) -> None:
+        """Take in where the one stands who is taught; say it once when no observer is sure who that is."""
+        known = self.place is not None
+        self.place = next((reply.place for reply in answers.replies.values() if reply.place is not None), None)
+        self.by_place |= self.place is not None
+        if known and self.place is None:
+            lines = (f"{name}: {reply.complaint}" for name, reply in answers.replies.items() if reply.complaint)
+            for line in lines:
+                self.interface.say(line)
 
     def _tell_of_pictures(self, answers: Answers) -> None:
         """Say it once when a camera is lost, and when it is back."""

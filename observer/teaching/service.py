@@ -97,7 +97,8 @@ class TeachableObserver:
         with self._lock:
             now_s = time.monotonic()
             is_asked = now_s - self._asked_s < TEACHER_S
-            tracks = self._taught.tracks(self._tracker, picture_width(frame)) if is_asked else self._tracker.every_track
+            width_px = picture_width(frame)
+            tracks = self._taught.tracks(self._tracker, width_px, now_s) if is_asked else self._tracker.every_track
             if tracks is None:
                 return posterior
             least_s = LESSON_S if self._teaching.is_taught(now_s) else IDLE_S
@@ -119,7 +120,7 @@ class TeachableObserver:
         vocabulary = self.vocabulary
         with self._lock:
             self._asked_s = time.monotonic()
-            self._taught.expect(request)
+            self._taught.expect(request, self._asked_s)
             reply = self._teaching.handle(request, self._asked_s, vocabulary.labels if vocabulary else ())
             if (place := self._taught.place) is not None:
                 at = TaughtPlace(at=list(place.at), covariance=list(place.covariance))

@@ -245,6 +245,8 @@ def test_all_cameras_are_told_where_the_one_stands_who_is_taught():
     assert "door: does not know where people stand: nobody else may be in view while it learns" in interface.lines
     assert sum("nobody else" in line for line in interface.lines) == 1
     alone = teach({"sofa": Observer(), "door": Observer()})
+    looks = [sum(each.command == "status" for each in lesson.asked) for lesson in (interface, alone)]
+    assert looks[0] > 2 * looks[1], "they are told between two takes, too: people walk"
     assert not any("nobody else" in line for line in alone.lines) and not any(each.place for each in alone.asked)
 
 

@@ -31,18 +31,22 @@ class Camera:
         self.taught = TaughtPerson(FloorPlacer(view, None, alone=False))
 
     def ask(self, command, place=None):
-        self.taught.expect(TeachRequest(command=command, teacher="anna", place=place))
+        self.taught.expect(TeachRequest(command=command, teacher="anna", place=place), self.now_s)
 
     def see(self, *places):
         self.n += 1
         bodies = [person(*at) for at in places] + [np.full((15, 3), np.nan)] * (2 - len(places))
         self.tracker.update(Frame(self.n * SECOND_NS // 15, np.concatenate(bodies)))
-        return self.taught.tracks(self.tracker, 0)
+        return self.taught.tracks(self.tracker, 0, self.now_s)
 
     def sees(self, tracks, at):
         """Whether these tracks are of the one who stands there."""
         wanted = project(self.view.matrix, person(*at))
         return bool(np.nanmedian(np.hypot(*(tracks.centres - wanted).T)) < 20)
+
+    @property
+    def now_s(self):
+        return self.n / 15
 
     @property
     def place(self):
@@ -84,6 +88,8 @@ def test_cameras_that_number_people_differently_learn_from_the_same_one(cameras)
     # They change places and the ids stay: so does the person.
     for step in np.linspace(0, 1, 40):
         apart = (0.9 - 1.8 * step, 0.6), (-0.9 + 1.8 * step, -0.6)
+        for camera in cameras:
+            camera.ask("status", one.place)
         seen = one.see(*apart), other.see(*reversed(apart))
     assert all(camera.sees(tracks, apart[0]) for camera, tracks in zip(cameras, seen, strict=True))
 
@@ -95,8 +101,26 @@ def test_nobody_is_taught_where_nobody_fits_or_two_do(cameras):
         camera.ask("begin", place)
         tracks = camera.see((0.3, 0.1), (-0.3, 0.1)) if place is between else camera.see(LEFT, RIGHT)
         assert not tracks.visible.any() and camera.place is None and "not sure" in camera.taught.complaint
-    camera.ask("begin")
+    camera.ask("leave"), camera.ask("begin")
     assert camera.see(LEFT, RIGHT).visible.any() and not camera.taught.complaint
+
+
+def test_a_camera_that_has_lost_whom_it_teaches_learns_from_nobody_until_another_one_knows(cameras):
+    camera, place = cameras[0], TaughtPlace(at=list(LEFT), covariance=[0.04, 0.0, 0.04])
+    camera.ask("begin", place)
+    assert camera.sees(camera.see(LEFT, RIGHT), LEFT)
+    camera.ask("status", camera.place)
+    for _ in range(30):  # both are away for longer than the tracker remembers them, and come back at each other's place
+        camera.see()
+    assert not camera.see(RIGHT, LEFT).visible.any() and camera.place is None and "not sure" in camera.taught.complaint
+    camera.ask("status", place)
+    assert camera.sees(camera.see(RIGHT, LEFT), LEFT)
+    for _ in range(30):
+        camera.see()
+    # Who alone is seen is taught: the others were sent away.
+    assert camera.sees(camera.see(LEFT), LEFT) and camera.sees(camera.see(LEFT, RIGHT), LEFT)
+    camera.ask("leave")
+    assert camera.see(LEFT, RIGHT).visible.any()
 
 
 def test_the_distance_of_two_places_is_that_of_mahalanobis():
