@@ -21,7 +21,7 @@ from observer.tracks import PersonTracks, Tracks
 UNSURE_WHOM = (
     "several people are seen, and it is not sure who is taught: step apart, or send the others away for a moment"
 )
-FRESH_S = 0.6
+PLACE_FRESH_S = 0.6
 """A place counts for so long: three looks of a teacher, in which somebody who walks goes half a metre."""
 
 
@@ -69,7 +69,7 @@ class TaughtPerson:
         known = next((n for n, person in enumerate(persons) if person.id == self._id), None)
         if known is not None or self._expected is None:
             return known or 0
-        if now_s - self._expected_s > FRESH_S:
+        if now_s - self._expected_s > PLACE_FRESH_S:
             return 0 if len(persons) == 1 else None
         costs = [math.inf if place is None else self._expected.distance(place) for place in places]
         best, *others = sorted(range(len(costs)), key=costs.__getitem__)
