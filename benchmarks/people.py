@@ -56,8 +56,8 @@ class Trial:
 @dataclass(frozen=True, slots=True)
 class Result:
     """alone: right verdicts of people alone. kept: of these, beside the other. wrong_alone, wrong: verdicts alone, and
-    beside the other, that whoever has the id has not performed then. exchanged: whether both have another id after the
-    crossing, lost: whether one has none.
+    beside the other, that whoever has the id has not performed then. exchanged: whether one mostly has another id after
+    the crossing, lost: whether one has none.
     """
 
     alone: int
@@ -104,9 +104,8 @@ def judged(trial: Trial) -> Result:
     for number, person in enumerate(trial.people):
         content = [one, nobody] if number == 0 else [nobody, other]
         own = Stage(trial.models, trial.rate_hz).run(np.concatenate(content, axis=1))
-        begin, _ = person.crossing
-        early = both.id_at(begin - 1, middle_of(person, begin - 1))
-        late = both.id_at(len(person.positions) - 1, middle_of(person, len(person.positions) - 1))
+        begin, end = person.crossing
+        early, late = (both.id_of(person, *frames) for frames in ((0, begin), (end, len(person.positions))))
         exchanged |= early != late and None not in (early, late)
         lost |= early is None or late is None
         theirs = [verdict for verdict in both.verdicts if verdict.person == early]

@@ -1,6 +1,7 @@
 """One room with recorded people, virtual cameras in its corners and the fusion of what they see. SIMULATED."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -68,6 +69,12 @@ class Run:
             if n == frame
         }
         return min(near, key=lambda person: near[person], default=None)
+
+    def id_of(self, person: RoomPart, first: int, last: int) -> str | None:
+        """Who was nearest to a person in most of the frames from `first` up to `last`."""
+        ids = Counter(self.id_at(frame, middle_of(person, frame)) for frame in range(first, last))
+        del ids[None]
+        return max(ids, key=lambda person: ids[person], default=None)
 
 
 def camera(number: int) -> View:
