@@ -5,6 +5,7 @@ asks for the same as JSON (hub/dashboard/phone_routes.py).
 """
 
 import html
+import io
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -46,26 +47,31 @@ class ShownCodes:
             self._codes[observer] = self.file.new_code(observer, beside=code)
         return f"{self.address}#{self._codes[observer]}"
 
+    def phone(self, observer: str) -> str:
+        """What the browser of its phone calls itself; "" without a phone, and for one that says nothing."""
+        phone = self.file.register.phone_of(observer)
+        return phone.name if phone else ""
+
     def shown(self, observer: str, is_live: bool) -> ShownPhone:
         """The code for `observer`, or its phone."""
-        link, register = self.link(observer), self.file.register
+        link = self.link(observer)
         if link is None:
-            phone = register.phone_of(observer)
-            name = phone.name if phone else ""
-            return ShownPhone(observer=observer, address=self.address, phone=name, live=is_live)
-        code = register.open_code(self._codes[observer], datetime.now(UTC))
+            return ShownPhone(observer=observer, address=self.address, phone=self.phone(observer), live=is_live)
+        code = self.file.register.open_code(self._codes[observer], datetime.now(UTC))
         expires = round(code.expires.timestamp() * 1000) if code else 0
-        rows = segno.make(link, error="m", micro=False).matrix
-        modules = tuple("".join("1" if dark else "0" for dark in row) for row in rows)
+        modules = tuple("".join("1" if dark else "0" for dark in row) for row in qr_code(link).matrix)
         return ShownPhone(observer=observer, address=self.address, link=link, modules=modules, expires=expires)
+
+
+def qr_code(link: str) -> segno.QRCode:
+    """The QR code of an address."""
+    return segno.make(link, error="m", micro=False)
 
 
 def terminal_code(link: str) -> str:
     """The QR code as text for a terminal, dark on light."""
-    import io
-
     text = io.StringIO()
-    segno.make(link, error="m", micro=False).terminal(text, compact=True, border=2)
+    qr_code(link).terminal(text, compact=True, border=2)
     return text.getvalue()
 
 
@@ -94,9 +100,7 @@ def code_page(codes: ShownCodes, live: Callable[[], Mapping[str, object]], path:
 def _section(codes: ShownCodes, observer: str, is_live: bool) -> str:
     link = codes.link(observer)
     if link is None:
-        phone = codes.file.register.phone_of(observer)
-        name = html.escape(phone.name if phone else "")
         state = "is here" if is_live else f"is not here now: open {html.escape(codes.address)} on it"
-        return f"<section><h2>{observer}</h2><p>The phone {name} {state}.</p></section>"
-    code = segno.make(link, error="m", micro=False).svg_inline(scale=6, border=3, light="#fff", dark="#000")
+        return f"<section><h2>{observer}</h2><p>The phone {html.escape(codes.phone(observer))} {state}.</p></section>"
+    code = qr_code(link).svg_inline(scale=6, border=3, light="#fff", dark="#000")
     return f"<section><h2>{observer}</h2>{code}</section>"

@@ -61,44 +61,32 @@ def phone(
 
     Example: labanmesh phone scene.toml --revoke phone1
     """
+    from hub.phone.pose_model_file import data_folder
+    from hub.phone.pose_model_file import fetch as fetch_files
+    from hub.phone.register_file import RegisterFile, register_path
+
     if fetch or source is not None:
-        _fetch(source)
+        fetch_files(data_folder(), source)
+        typer.echo(f"{data_folder()}: the pose model is here")
         if scene is None:
             return
     if scene is None:
         raise BadInput("labanmesh phone: name a scene file, e.g. labanmesh phone scene.toml, or --fetch")
     config = read_scene(scene)
-    file = _register_file(config)
+    file = RegisterFile(register_path(config))
+    if revoke is not None:
+        config.observer(revoke)
+        file.revoke(revoke)
+        typer.echo(f"{revoke}: revoked")
+    if show_list:
+        _list(file)
     if show_list or revoke is not None:
-        _manage(config, file, show_list, revoke)
         return
     from hub.phone.running import PhoneRun, run_phones
 
     address = Address.parse(listen, "--listen")
     names, observers = _own_hosts(address, host), _observers(config, observer)
     run_phones(PhoneRun(config, observers, file, address, names, certificate, for_s, teach))
-
-
-def _manage(scene: "Scene", file: "RegisterFile", show_list: bool, revoke: str | None) -> None:
-    if revoke is not None:
-        scene.observer(revoke)
-        file.revoke(revoke)
-        typer.echo(f"{revoke}: revoked")
-    if show_list:
-        _list(file)
-
-
-def _fetch(source: Path | None) -> None:
-    from hub.phone.pose_model_file import data_folder, fetch
-
-    fetch(data_folder(), source)
-    typer.echo(f"{data_folder()}: the pose model is here")
-
-
-def _register_file(scene: "Scene") -> "RegisterFile":
-    from hub.phone.register_file import RegisterFile, register_path
-
-    return RegisterFile(register_path(scene))
 
 
 def _observers(scene: "Scene", observer: str | None) -> tuple[str, ...]:

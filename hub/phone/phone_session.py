@@ -37,17 +37,15 @@ BURST = 60.0
 
 @dataclass(slots=True)
 class RateLimit:
-    """A bucket of tokens: `rate_hz` a second flow in, at most `burst` are in it."""
+    """A bucket of tokens: MOST_HZ a second flow in, at most BURST are in it."""
 
-    rate_hz: float = MOST_HZ
-    burst: float = BURST
     _tokens: float = BURST
     _at_ns: int | None = None
 
     def admits(self, now_ns: int) -> bool:
         """Whether one more message may come now."""
         passed_s = 0.0 if self._at_ns is None else max(now_ns - self._at_ns, 0) / SECOND_NS
-        self._tokens, self._at_ns = min(self.burst, self._tokens + passed_s * self.rate_hz), now_ns
+        self._tokens, self._at_ns = min(BURST, self._tokens + passed_s * MOST_HZ), now_ns
         if self._tokens < 1:
             return False
         self._tokens -= 1
@@ -88,15 +86,16 @@ class PhoneSession:
             return self._admit(message)
         if self.phone is None:
             raise RefusedError("the first message must show a code or a secret")
-        if isinstance(message, ClockAnswer):
-            self.clock.answer(message.number, message.now_ms)
-            return Outcome()
-        if isinstance(message, CameraState):
-            self.camera = message
-            return Outcome()
-        if isinstance(message, LessonRequest):
-            return Outcome(lesson=message)
-        return self._track(message)
+        match message:
+            case ClockAnswer():
+                self.clock.answer(message.number, message.now_ms)
+            case CameraState():
+                self.camera = message
+            case LessonRequest():
+                return Outcome(lesson=message)
+            case PhoneTracks():
+                return self._track(message)
+        return Outcome()
 
     def question(self) -> Mapping[str, object]:
         """The next question for the phone's clock."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+import math
 import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -86,7 +87,7 @@ def run_phones(run: PhoneRun) -> None:
             page_port = local.getsockname()[1]
             _show(codes, f"http://127.0.0.1:{page_port}/")
             with run.file.naming_page(page_port):
-                asyncio.run(_serve(server, codes, (port, local), web, Ending(stop, run.for_s, listener.check)))
+                asyncio.run(_serve(run, server, codes, (port, local), web, stop, listener.check))
 
 
 @contextmanager
@@ -122,32 +123,26 @@ def _server(
     return server
 
 
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """When serving ends: `stop` is set, `for_s` seconds are over, or `check` raises."""
-
-    stop: threading.Event
-    for_s: float | None
-    check: Callable[[], None]
-
-
 async def _serve(
+    run: PhoneRun,
     server: PhoneServer,
     codes: ShownCodes,
     ports: tuple[socket.socket, socket.socket],
     web: WebCertificate,
-    ending: Ending,
+    stop: threading.Event,
+    check: Callable[[], None],
 ) -> None:
+    """Serve until `stop` is set, the run's seconds are over, or `check` raises."""
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     on_screen = partial(code_page, codes, lambda: server.live)
     tasks = [
         asyncio.create_task(server.run(ports[0], web.context, ended)),
         asyncio.create_task(serve_files(ports[1], on_screen, ended)),
     ]
-    end_s = None if ending.for_s is None else loop.time() + ending.for_s
-    while not (ending.stop.is_set() or (end_s is not None and loop.time() >= end_s) or any(t.done() for t in tasks)):
+    end_s = math.inf if run.for_s is None else loop.time() + run.for_s
+    while not (stop.is_set() or loop.time() >= end_s or any(task.done() for task in tasks)):
         await asyncio.sleep(STOP_CHECK_S)
-        ending.check()
+        check()
         server.show()
     ended.set()
     await asyncio.gather(*tasks)
@@ -155,13 +150,9 @@ async def _serve(
 
 def _show(codes: ShownCodes, page: str) -> None:
     for observer in codes.observers:
-        link = codes.link(observer)
-        if link is None:
-            phone = codes.file.register.phone_of(observer)
-            print(
-                f"{observer}: its phone is {phone.name or '(no name)' if phone else ''}; open {codes.address} on it",
-                flush=True,
-            )
+        if (link := codes.link(observer)) is None:
+            name = codes.phone(observer) or "(no name)"
+            print(f"{observer}: its phone is {name}; open {codes.address} on it", flush=True)
         else:
             print(f"{terminal_code(link)}{observer}: scan this with the phone's camera, or open {link}", flush=True)
     print(f"the codes on this machine's screen: {page}", flush=True)
