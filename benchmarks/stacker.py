@@ -26,7 +26,6 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.examples import ExampleView
 from observer.learning.learn import learn_view
-from observer.model.base import with_features
 from observer.model.held_out import STRANGE_SHARE, rows_of_fold, stacker_rows
 from observer.model.stacked import Stacked
 from observer.model.stacker import (
@@ -146,7 +145,7 @@ def rows_of_task(part: tuple[Task, MotionArchive, MotionArchive]) -> tuple[Float
     seen = ExampleView(view, vocabulary, task.parts)
     background = tuple(sorted({r.label for r in chosen} - set(task.labels)))
     examples = seen.examples(chosen, archive.body_parts, background)
-    examples = with_features(Stacked, model.header, examples)
+    examples = [Stacked.read(model.header, e) for e in examples]
     others = replace(archive, recordings=tuple(r for r in archive.recordings if r.subject not in task.people))
     streams = seen.streams([*streams_in(others, task.labels, unlabelled=True)], archive.body_parts)
     judged = [r for r in stories if r.subject not in {one.subject for one in learned_stories}]

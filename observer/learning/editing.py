@@ -15,7 +15,7 @@ from observer.geometry.placement import PersonPlacement, unlike
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView
 from observer.learning.learn import with_calibration
-from observer.model.base import Example, Header, MovementModel, with_features
+from observer.model.base import Example, Header, MovementModel
 from observer.model.cross_validation import held_out_of
 from observer.model.parameters import facings_in
 from observer.model.stacked import Stacked
@@ -81,7 +81,7 @@ def add_movements(
     header = replace(header, background=None if old.background is None else tuple(left))
     indices = {m: m for m in range(old.vocabulary.size)}
     indices |= {-1 - background.index(label): -1 - n for n, label in enumerate(left)}
-    edited = _learned_again(model, header, indices, with_features(type(model), old, examples))
+    edited = _learned_again(model, header, indices, examples)
     rows, people = held_out_of(edited.header), len({r.subject for r in recordings})
     tried = sum(sum(rows.get(label, {}).values()) for label in new)
     right = sum(rows.get(label, {}).get(label, 0) for label in new)

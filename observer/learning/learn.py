@@ -4,7 +4,6 @@ A model of one camera's tracks is for this camera where it stands. Cross-validat
 model.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -22,9 +21,8 @@ from observer.model.base import (
     Onset,
     Stream,
     evenly_spread,
-    with_features,
 )
-from observer.model.cross_validation import HeldOutResult, judged_as
+from observer.model.cross_validation import Judged, with_results
 from observer.model.parameters import facings_in
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (
@@ -71,55 +69,38 @@ def learn_view(
     """
     parts, facings = body_parts or archive.body_parts, facings_in(parameters or {})
     rate_hz, model = common_rate(archive), model_named(kind)
-    seen_from = ExampleView(view, vocabulary, parts, facings)
-    require_view(view, (*archive.recordings, *(background.recordings if background else ())), seen_from.facings)
+    sources = [archive, MotionArchive(archive.body_parts, tuple(streams)), *([background] if background else [])]
+    require_view(view, [recording for source in sources for recording in source.recordings], facings)
+    require_labels(vocabulary.labels, archive, "--labels")
+    labels = () if background is None else _background_labels(model, background, vocabulary)
     if placement is not None:
         placement = placement if facings == 1 else replace(placement, facing_deg=0.0)
-        archive, background, streams = _placed(placement, archive, background, streams)
-    recordings = [recording for recording in movements_in(archive) if recording.label in vocabulary.labels]
-    require_labels(vocabulary.labels, archive, "--labels")
-    examples = seen_from.examples(recordings, archive.body_parts)
+        sources = [placed(source, placement) for source in sources]
+    seen = ExampleView(view, vocabulary, parts, facings)
+    recordings = [recording for recording in movements_in(sources[0]) if recording.label in vocabulary.labels]
+    examples = seen.examples(recordings, archive.body_parts)
+    for other in sources[2:]:
+        examples += seen.examples([r for r in movements_in(other) if r.label], other.body_parts, labels)
     origin = {"examples": str(len(recordings)), **(provenance or {})}
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, origin)
-    header = replace(header, placement=placement)
-    labels = () if background is None else _background_labels(model, background, vocabulary)
-    if background is not None:
-        header = replace(header, background=labels)
-        movements = [recording for recording in movements_in(background) if recording.label]
-        examples += seen_from.examples(movements, background.body_parts, labels)
-    watched = _streams(seen_from, archive, background, streams, labels) if issubclass(model, LearnsStreams) else []
-    if watched:
-        header = replace(header, background=labels, provenance={**origin, **_other_motion(watched, rate_hz)})
-    examples, watched = with_features(model, header, examples), with_features(model, header, watched)
-    if issubclass(model, LearnsStreams):
-        learned: MovementModel = model.learn_with_streams(header, examples, watched)
-    else:
+    header = replace(header, placement=placement, background=None if background is None else labels)
+    if not issubclass(model, LearnsStreams):
         learned = model.learn(header, examples)
+    else:
+        watched = _streams(seen, sources, labels)
+        if watched:
+            header = replace(header, background=labels, provenance={**origin, **_other_motion(watched, rate_hz)})
+        learned = model.learn_with_streams(header, examples, watched)
     return with_calibration(learned, examples) if calibrate else learned
 
 
-def _placed(
-    placement: PersonPlacement, archive: MotionArchive, background: MotionArchive | None, streams: Sequence[Recording]
-) -> tuple[MotionArchive, MotionArchive | None, tuple[Recording, ...]]:
-    """The same with all people at `placement`; a background without recordings stays."""
-    moved = placed(MotionArchive(archive.body_parts, tuple(streams)), placement).recordings
-    return placed(archive, placement), None if background is None else placed(background, placement), moved
-
-
-def _streams(
-    seen_from: ExampleView,
-    archive: MotionArchive,
-    background: MotionArchive | None,
-    streams: Sequence[Recording],
-    labels: tuple[str, ...],
-) -> list[Stream]:
+def _streams(seen: ExampleView, sources: Sequence[MotionArchive], labels: tuple[str, ...]) -> list[Stream]:
     """Everything from which "something else" can be learned; labels: the movements of the background."""
-    labelled = (*seen_from.vocabulary.labels, *labels)
-    sources = [archive, MotionArchive(archive.body_parts, tuple(streams)), *([background] if background else [])]
+    labelled = (*seen.vocabulary.labels, *labels)
     return [
         stream
         for source in sources
-        for stream in seen_from.streams([*streams_in(source, labelled, unlabelled=True)], source.body_parts, labels)
+        for stream in seen.streams([*streams_in(source, labelled, unlabelled=True)], source.body_parts, labels)
     ]
 
 
@@ -158,32 +139,23 @@ def with_calibration(model: MovementModel, examples: Sequence[Example]) -> Movem
     the results how sure it may be. If only one person shows a movement, one recording of each movement is left out at a
     time instead. `tried` and `right` in the provenance count the evaluated examples.
     """
-    kind, header, arrays, counts = type(model), model.header, model.arrays(), dict[str, str]()
+    kind, header = type(model), model.header
     front = [e for e in examples if e.facing == 0]
     folds = folds_by_person(front) or folds_by_recording(front)
     if isinstance(model, LearnsStreams):
         share = MOST_WATCHED / len(examples)
         watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
-        folds = at_all_facings(examples, fewer_folds(front, folds))
-        others = model.cross_validated(folds, watched)
-        results = others.results
-        arrays = {**arrays, **others.arrays} if others.arrays else arrays
-        if others.strange_named is not None:
-            counts["strange_named"] = f"{others.strange_named:.2f}"
-    else:
-        # The facing hardly changes the results, and a dozen facings take a dozen times as long.
-        parameters = {name: 1.0 if name == "facings" else value for name, value in header.parameters.items()}
-        of_one_facing = replace(header, parameters=parameters)
-        results = [result for fold in folds for result in _evaluate_fold(kind, of_one_facing, front, fold)]
-    counts |= {"tried": str(len(results)), "right": str(sum(truth == judged for truth, judged in results))}
-    counts["held_out"] = json.dumps(judged_as(results, header.vocabulary))
-    provenance = {**header.provenance, **counts}
-    return kind.from_arrays(replace(header, provenance=provenance), arrays)
+        return model.cross_validated(at_all_facings(examples, fewer_folds(front, folds)), watched)
+    # The facing hardly changes the results, and a dozen facings take a dozen times as long.
+    parameters = {name: 1.0 if name == "facings" else value for name, value in header.parameters.items()}
+    of_one_facing = replace(header, parameters=parameters)
+    results = [result for fold in folds for result in _evaluate_fold(kind, of_one_facing, front, fold)]
+    return kind.from_arrays(with_results(header, results), model.arrays())
 
 
 def _evaluate_fold(
     kind: type[MovementModel], header: Header, examples: Sequence[Example], fold: Sequence[int]
-) -> Iterator[HeldOutResult]:
+) -> Iterator[Judged]:
     """Results by a model of all other examples; with many examples only a share of the fold is evaluated."""
     left_out, share = set(fold), MOST_EVALUATED / len(examples)
     model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left_out])
@@ -193,4 +165,4 @@ def _evaluate_fold(
             watch = model.watch(Onset(known=True, length=len(examples[n].tracks)))
             for tracks in examples[n].tracks:
                 watch.update(tracks)
-            yield HeldOutResult(examples[n].movement, int(watch.p.argmax()))
+            yield examples[n].movement, int(watch.p.argmax())

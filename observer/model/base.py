@@ -19,7 +19,6 @@ from observer.model.parameters import Parameter, check_parameters
 from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
-    from observer.model.cross_validation import LearnedFromOthers
     from observer.score.references import ReferenceTakes
 
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -72,13 +71,17 @@ def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:
     return replace(header, parameters=parameters)
 
 
+def _nothing() -> Floats:
+    return np.zeros((0, 0))
+
+
 @dataclass(frozen=True, slots=True)
 class Example:
     """One movement, cut out of a recording, as the model's view sees it; movement: its index in the vocabulary.
 
     A negative index is one of the background: -1 the first in the header. facing: which of the model's K facings the
     person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as the model reads them;
-    postures: as the phase filter of a model reads them whose features are traces.
+    postures: as the phase filter of a model reads them whose features are traces. Both are empty until it reads them.
     """
 
     tracks: Sequence[Tracks]
@@ -86,8 +89,8 @@ class Example:
     facing: int = 0
     subject: str = ""
     trial: str = ""
-    features: Floats | None = None
-    postures: Floats | None = None
+    features: Floats = field(default_factory=_nothing)
+    postures: Floats = field(default_factory=_nothing)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,12 +116,12 @@ class Stream:
     facing: int = 0
     subject: str = ""
     trial: str = ""
-    features: Floats | None = None
+    features: Floats = field(default_factory=_nothing)
 
     @property
     def frames(self) -> int:
         """Number of frames."""
-        return len(self.tracks) if self.features is None else len(self.features)
+        return len(self.features) or len(self.tracks)
 
     @property
     def other_frames(self) -> int:
@@ -139,8 +142,7 @@ class Stream:
         if begin < end:
             within = (span for span in self.spans if begin <= span.begin and span.end <= end)
             spans = tuple(replace(span, begin=span.begin - begin, end=span.end - begin) for span in within)
-            features = None if self.features is None else self.features[begin:end]
-            yield replace(self, tracks=self.tracks[begin:end], spans=spans, features=features)
+            yield replace(self, tracks=self.tracks[begin:end], spans=spans, features=self.features[begin:end])
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,10 +252,11 @@ class LearnsStreams(Protocol):
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """As `learn`; the examples include the movements in the spans. There may be no streams."""
 
-    def cross_validated(self, folds: Sequence[Sequence[int]], watched: Collection[int]) -> "LearnedFromOthers":
-        """Evaluate the examples of each fold with a model of all others, and learn from that. Once, after learning.
+    def cross_validated(self, folds: Sequence[Sequence[int]], watched: Collection[int]) -> Self:
+        """The model that has learned from what models of all others make of the examples of each fold.
 
-        folds: indices of the examples that are left out together. watched: of those that are evaluated.
+        Once, after learning. folds: indices of the examples that are left out together. watched: of those that are
+        evaluated. The provenance of the header tells the results (`cross_validation.with_results`).
         """
 
 
@@ -263,29 +266,6 @@ def knows_blends_only(header: Header) -> bool:
 
 
 Shown = TypeVar("Shown", Example, Stream)
-
-
-@runtime_checkable
-class ReadsExamples(Protocol):
-    """The additional method of a kind of model that reads each example once, however often it learns from it."""
-
-    def read(self, header: Header, example: Shown) -> Shown:
-        """The example with its features; a kind that learns from streams reads these too."""
-
-
-def with_features(kind: type[MovementModel], header: Header, examples: Sequence[Shown]) -> list[Shown]:
-    """The examples with their features, if this kind of model can read them in advance; otherwise unchanged."""
-    if not isinstance(kind, ReadsExamples):
-        return list(examples)
-    complete = with_defaults(header, kind.PARAMETERS)
-    return [kind.read(complete, e) for e in examples]
-
-
-def features_of(read: Example | Stream) -> Floats:
-    """Its features; raises ValueError for what has not been read."""
-    if read.features is None:
-        raise ValueError("its features have not been read")
-    return read.features
 
 
 def recording_numbers(items: Sequence[Shown]) -> list[int]:

@@ -1,41 +1,28 @@
-"""The result of a cross-validation of a kind of model that evaluates whole folds at once. Pure."""
+"""The results of a cross-validation, as the provenance of a model tells them. Pure."""
 
 import json
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import replace
 
-from common.vocabulary import Vocabulary
-from observer.model.base import Arrays, Header
+from observer.model.base import Header
 
-
-class HeldOutResult(NamedTuple):
-    """As which movement a model recognised an example from whose person it had not learned: indices."""
-
-    truth: int
-    judged: int
+Judged = tuple[int, int]
+"""Indices of a movement, and of the one as which a model recognised it that had not learned from its performer."""
 
 
-@dataclass(frozen=True, slots=True)
-class LearnedFromOthers:
-    """The outcome of a cross-validation: the held-out results, and the arrays by name with which they come about.
+def with_results(header: Header, results: Sequence[Judged], strange_named: float | None = None) -> Header:
+    """The header that tells how many were tried, how many were right, and as what each movement was recognised.
 
     strange_named: the share of movements that the model does not know which it would name; None if unknown.
     """
-
-    results: list[HeldOutResult]
-    arrays: Arrays = field(default_factory=dict)
-    strange_named: float | None = None
-
-
-def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:
-    """For each movement, as what its left-out examples were recognised, and how often."""
-    table: dict[str, Counter[str]] = {}
+    labels, table = header.vocabulary.labels, dict[str, Counter[str]]()
     for truth, judged in results:
-        table.setdefault(vocabulary.labels[truth], Counter())[vocabulary.labels[judged]] += 1
-    return {label: dict(counts) for label, counts in table.items()}
+        table.setdefault(labels[truth], Counter())[labels[judged]] += 1
+    counts = {} if strange_named is None else {"strange_named": f"{strange_named:.2f}"}
+    counts |= {"tried": str(len(results)), "right": str(sum(truth == judged for truth, judged in results))}
+    return replace(header, provenance={**header.provenance, **counts, "held_out": json.dumps(table)})
 
 
 def held_out_of(header: Header) -> dict[str, dict[str, int]]:

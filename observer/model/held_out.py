@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from observer.model.base import Example, Onset, Stream, features_of
+from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import hop_of, tracks_of
-from observer.model.cross_validation import HeldOutResult
+from observer.model.cross_validation import Judged
 from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
@@ -89,11 +89,11 @@ def _watch_example(model: "Stacked", examples: Sequence[Example], number: int) -
     """
     example = examples[number]
     truth, known = max(example.movement, -1), number % 2 == 0
-    if known or example.features is None:
+    if known or not len(example.features):
         yield from _watch_tracks(model, example.tracks, 0, number, truth, known)
         return
     both = (examples[n] for n in (number, another_take(examples, number)))
-    trace, other = (features_of(each).astype(np.float32) for each in both)
+    trace, other = (each.features.astype(np.float32) for each in both)
     rest, rng = round(REST_S * model.header.rate_hz), np.random.default_rng(number)
     if number % 4 == 1:
         none = posture_change(trace[0], other[0], rest // 2)
@@ -173,7 +173,7 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
 
 def held_out_results(
     prior: StackerPrior, task: Floats, watched: Sequence[Watched]
-) -> tuple[Stacker, list[HeldOutResult], float | None]:
+) -> tuple[Stacker, list[Judged], float | None]:
     """The stacker of all folds, what it makes of each ended example, and how often it names strange ones.
 
     The last is the share of ended movements that get a name although they are struck out of what the members know; None
@@ -184,10 +184,7 @@ def held_out_results(
     if not ended:
         return stacker, [], None
     instants, truth = Instants.of([one.instant for one in ended]), np.array([one.truth for one in ended])
-    results = [
-        HeldOutResult(*pair)
-        for pair in zip(truth.tolist(), stacker.judge(instants)[0].argmax(axis=1).tolist(), strict=True)
-    ]
+    results = [*zip(truth.tolist(), stacker.judge(instants)[0].argmax(axis=1).tolist(), strict=True)]
     if instants.members.shape[-1] < 3:
         return stacker, results, None
     _, something_else = stacker.judge(instants.without(truth))

@@ -44,7 +44,7 @@ def leans_on(
     """
     regions, result = regions_of(header.body_parts), {}
     for movement, label in enumerate(header.vocabulary.labels):
-        own = [e.features for e in examples if e.movement == movement and e.features is not None]
+        own = [e.features for e in examples if e.movement == movement]
         traces = [
             own[n].astype(np.float32) for n in np.linspace(0, len(own) - 1, min(len(own), MOST_EXAMPLES)).astype(int)
         ]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from common.message_types import MovementTimes
-from observer.model.base import Header, StreamSpan, features_of
+from observer.model.base import Header, StreamSpan
 from observer.model.periodicity import Oscillation, oscillation_of, with_other_side
 from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import AFTERGLOW_S
@@ -43,9 +43,9 @@ def _takes_of(movement: int, memory: TrainingMemory, rate_hz: float) -> list[Flo
         spans = [span for span in stream.spans if span.movement == movement]
         for run in _runs_of(spans, rate_hz):
             joined |= {(stream.subject, span.trial) for span in run}
-            takes.append(features_of(stream)[run[0].begin : run[-1].end])
+            takes.append(stream.features[run[0].begin : run[-1].end])
     alone = (e for e in memory.examples if e.movement == movement and (e.subject, e.trial) not in joined)
-    return [*takes, *map(features_of, alone)]
+    return [*takes, *(e.features for e in alone)]
 
 
 def _touch(span: StreamSpan, following: StreamSpan, rate_hz: float) -> bool:

@@ -57,10 +57,10 @@ class NearestTakes:
         None for a model of several facings, and for fewer than two takes. scales: as learned earlier; otherwise they
         are measured by leaving out one take at a time.
         """
-        takes = _representative([e for e in examples if e.movement >= 0 and e.features is not None])
+        takes = _representative([e for e in examples if e.movement >= 0])
         if len(takes) < 2 or any(e.facing for e in examples):
             return None
-        traces = [e.features.astype(np.float32) for e in takes if e.features is not None]
+        traces = [e.features.astype(np.float32) for e in takes]
         # Where the parts are since the begin.
         parts = traces[0].shape[1] // 2 - 1
         paths = [(relative_and_path(trace)[1] - np.tile(trace[0, -3:-1], parts))[::hop] for trace in traces]

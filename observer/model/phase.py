@@ -5,7 +5,6 @@ person faces.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,7 +14,7 @@ from common.errors import BadInput
 from observer.body import TRUNK_POINTS
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
-from observer.model.base import Arrays, Example, Header, Onset, Shown, Watch, array_in, features_of, with_defaults
+from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in, with_defaults
 from observer.model.chains import (
     PostureEvidence,
     Postures,
@@ -24,7 +23,7 @@ from observer.model.chains import (
     fill_gaps,
     resample_phases,
 )
-from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter
+from observer.model.parameters import FACINGS, Parameter, Positive, Probability
 from observer.tracks import BODY_PARTS, Floats, Tracks
 
 FEWEST_PHASES = 8
@@ -46,14 +45,14 @@ class Phase:
     # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon and settled too.
     # begin, forget: guesses.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "sharpness": Parameter(1.0, POSITIVE),
-        "fast": Parameter(1.5, POSITIVE),
-        "apart": Parameter(0.5, NOT_NEGATIVE),
-        "outlier": Parameter(5.0, POSITIVE),
-        "begin": Parameter(0.05, PROBABILITY),
-        "forget": Parameter(0.01, PROBABILITY),
-        "abandon": Parameter(0.02, PROBABILITY),
-        "settled": Parameter(15.0, POSITIVE),
+        "sharpness": Positive(1.0),
+        "fast": Positive(1.5),
+        "apart": Parameter(0.5),
+        "outlier": Positive(5.0),
+        "begin": Probability(0.05),
+        "forget": Probability(0.01),
+        "abandon": Probability(0.02),
+        "settled": Positive(15.0),
         "facings": FACINGS,
     }
 
@@ -81,18 +80,12 @@ class Phase:
         of the other examples of its movement.
         """
         header = with_defaults(header, cls.PARAMETERS)
-        features = [features_of(cls.read(header, e) if e.features is None else e) for e in examples]
+        features = [e.features if len(e.features) else _read(header, e) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
         phases = max(round(np.median([*map(len, features)]) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
         movement_of, facing_of = np.array([(e.movement, e.facing) for e in examples], np.int64).T
         chains = complete_chains(np.array([resample_phases(f, phases) for f in features]), movement_of)
         return cls(header, chains.astype(np.float32), movement_of, facing_of)
-
-    @classmethod
-    def read(cls, header: Header, example: Shown) -> Shown:
-        """The example with (F, D) features as an observer would read them, gaps filled."""
-        reader = posture_reader(header)
-        return replace(example, features=fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks])))
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
@@ -170,6 +163,12 @@ class PhaseWatch(Watch):
             self._filter.step(self._evidence.see(features), still)
         else:
             self._filter.step_blind()
+
+
+def _read(header: Header, example: Example) -> Floats:
+    """(F, D) features as an observer would read them, gaps filled."""
+    reader = posture_reader(header)
+    return fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks]))
 
 
 def posture_reader(header: Header) -> PostureReader:

@@ -5,6 +5,7 @@ of them judge; a movement that follows another one directly, or any other motion
 alone. `stacker.py` weighs what they say (docs/design/model.md).
 """
 
+import copy
 import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -23,18 +24,17 @@ from observer.model.base import (
     Shown,
     Stream,
     array_in,
-    features_of,
     with_defaults,
 )
 from observer.model.body_trace import EXTENT_S, BodyTrace, hop_of, tracks_of, width_of
 from observer.model.chains import fill_gaps
-from observer.model.cross_validation import LearnedFromOthers
+from observer.model.cross_validation import with_results
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
 from observer.model.leaning import LEANS_ON, leans_on
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
 from observer.model.movement_times import oscillations_of, with_times
 from observer.model.nearest_take import NearestTakes
-from observer.model.parameters import POSITIVE, Parameter, ParameterRange, facings_in
+from observer.model.parameters import Parameter, Positive, facings_in
 from observer.model.periodicity import Oscillation
 from observer.model.phase import Phase, posture_reader
 from observer.model.segment_classifier import SegmentClassifier
@@ -64,10 +64,10 @@ class Stacked(LearnsStreams):
     # that are drawn at random, to find out how much of a difference is chance.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         **Phase.PARAMETERS,
-        "kernels": Parameter(2500.0, ParameterRange(84, 20_000, whole=True)),
-        "inverse_penalty": Parameter(0.01, POSITIVE),
-        "trailing_penalty": Parameter(0.005, POSITIVE),
-        "seed": Parameter(0.0, ParameterRange(0.0, whole=True)),
+        "kernels": Parameter(2500.0, 84, 20_000, whole=True),
+        "inverse_penalty": Positive(0.01),
+        "trailing_penalty": Positive(0.005),
+        "seed": Parameter(0.0, 0.0, whole=True),
     }
 
     def __init__(
@@ -98,9 +98,9 @@ class Stacked(LearnsStreams):
         """Learn all members. The stacker is that of the prior: nothing has been tried yet."""
         header = replace(with_defaults(header, cls.PARAMETERS), background=header.background or ())
         facings = facings_in(header.parameters)
-        examples = [cls.read(header, e) if e.features is None else e for e in examples]
-        streams = thin_facings([cls.read(header, s) if s.features is None else s for s in streams], facings)
-        shown = [replace(e, tracks=(), postures=None) for e in thin_facings(examples, facings)]
+        examples = [e if len(e.features) else cls.read(header, e) for e in examples]
+        streams = thin_facings([s if len(s.features) else cls.read(header, s) for s in streams], facings)
+        shown = [replace(e, tracks=(), postures=e.postures[:0]) for e in thin_facings(examples, facings)]
         memory = TrainingMemory(tuple(shown), tuple(replace(s, tracks=()) for s in streams))
         table = TrainingTable(header, shown, streams)
         model = cls._assembled(header, examples, table, memory)
@@ -131,8 +131,8 @@ class Stacked(LearnsStreams):
         stacker = PRIOR.stacker(_task_of(header, takes_of, memory.streams))
         return cls(header, phase, table.trailing, answers, segments, takes, table.extents, memory, stacker)
 
-    def cross_validated(self, folds: Sequence[Sequence[int]], watched: Collection[int]) -> LearnedFromOthers:
-        """The stacker of the examples and streams of the people left out, each watched by a model of all others."""
+    def cross_validated(self, folds: Sequence[Sequence[int]], watched: Collection[int]) -> Self:
+        """With the stacker of the examples and streams of the people left out, watched by models of all others."""
         if self._learned is None:
             raise ValueError("a model that was stored is not evaluated again")
         table, examples, streams = self._learned
@@ -144,8 +144,10 @@ class Stacked(LearnsStreams):
             model = self._assembled(header, examples, table, self.memory, fold, part)
             apart = list(streams_left_out(streams, examples, fold, part))
             rows += rows_of_fold(model, examples, [n for n in sorted(fold) if n in watched], apart)
-        stacker, results, strange = held_out_results(PRIOR, _task_of(header, examples, streams), rows)
-        return LearnedFromOthers(results, _stacker_arrays(stacker), strange)
+        evaluated = copy.copy(self)
+        evaluated.stacker, results, strange = held_out_results(PRIOR, _task_of(header, examples, streams), rows)
+        evaluated.header, evaluated._learned = with_results(self.header, results, strange), None
+        return evaluated
 
     @classmethod
     def read(cls, header: Header, example: Shown) -> Shown:
@@ -184,16 +186,17 @@ class Stacked(LearnsStreams):
             **self.segments.arrays(),
             "extents": self.extents,
             "take_scales": np.zeros(0) if self.takes is None else self.takes.scales,
-            **_stacker_arrays(self.stacker),
+            "stacker_weights": self.stacker.weights,
+            "stacker_other": self.stacker.other,
             **self.memory.as_arrays(),
         }
 
     def remembered(self, indices: Mapping[int, int]) -> tuple[list[Example], list[Stream]]:
         """What it was learned from of the movements in `indices`, old to new, with tracks and features."""
         memory = self.memory.renumbered(indices)
-        shown = [replace(e, tracks=tracks_of(features_of(e))) for e in memory.examples]
+        shown = [replace(e, tracks=tracks_of(e.features)) for e in memory.examples]
         examples = [replace(self.read(self.header, e), features=e.features) for e in shown]
-        return examples, [replace(s, tracks=tracks_of(features_of(s))) for s in memory.streams]
+        return examples, [replace(s, tracks=tracks_of(s.features)) for s in memory.streams]
 
     @cached_property
     def oscillations(self) -> Mapping[int, Oscillation]:
@@ -220,10 +223,6 @@ def _task_of(header: Header, examples: Sequence[Example], streams: Sequence[Stre
     # The effective number, 1 / P(two takes are of one person): one take by a second person hardly makes two people.
     shares = np.array([*Counter(e.subject for e in takes).values()]) / len(takes)
     return task_of(len(takes) / movements, 1 / float(shares @ shares), movements, other_s)
-
-
-def _stacker_arrays(stacker: Stacker) -> dict[str, Floats]:
-    return {"stacker_weights": stacker.weights, "stacker_other": stacker.other}
 
 
 def _phase_header(header: Header) -> Header:

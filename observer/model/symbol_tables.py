@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from common.probability import softmax
 from observer.features import SpaceReader, Symbols, VectorSymbol
 from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in, with_defaults
-from observer.model.parameters import NOT_NEGATIVE, POSITIVE, Parameter, ParameterRange
+from observer.model.parameters import Parameter, Positive
 from observer.tracks import Floats, Tracks
 
 VECTOR_SYMBOLS = len(VectorSymbol) - 1
@@ -86,9 +86,9 @@ class FrameTable:
     kind: ClassVar[str] = "frame-table"
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        "bins": Parameter(8.0, ParameterRange(1, 1000, whole=True)),
-        "threshold": Parameter(0.16, NOT_NEGATIVE),
-        "smoothing": Parameter(0.1, POSITIVE),
+        "bins": Parameter(8.0, 1, 1000, whole=True),
+        "threshold": Parameter(0.16),
+        "smoothing": Positive(0.1),
     }
 
     def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:

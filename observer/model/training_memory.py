@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Arrays, Example, Stream, StreamSpan, array_in, features_of
+from observer.model.base import Arrays, Example, Stream, StreamSpan, array_in
 from observer.tracks import Floats32
 
 OF_EXAMPLES, OF_STREAMS = "example", "stream"
@@ -36,12 +36,12 @@ class TrainingMemory:
 
     def lengths_of(self, movement: int) -> list[int]:
         """Frames of each take of the movement."""
-        return [len(features_of(e)) for e in self.examples if e.movement == movement]
+        return [len(e.features) for e in self.examples if e.movement == movement]
 
     @property
     def usual_posture(self) -> Floats32:
         """(2 P,) where the parts usually are, relative to the body."""
-        places = np.concatenate([features_of(e)[:, :-3] for e in self.examples])
+        places = np.concatenate([e.features[:, :-3] for e in self.examples])
         usual: Floats32 = places.astype(np.float32).mean(axis=0)
         return usual
 
@@ -67,7 +67,7 @@ class TrainingMemory:
         streams = [Stream((), **own) for own in _from_arrays(OF_STREAMS, arrays, columns)]
         spans: dict[int, list[StreamSpan]] = {}
         for (n, begin, end, movement), trial in zip(arrays["spans"].tolist(), arrays["span_trials"], strict=True):
-            if not 0 <= begin < end <= len(features_of(streams[n])):
+            if not 0 <= begin < end <= len(streams[n].features):
                 raise ValueError(f"span {begin} to {end} is not within its stream")
             spans.setdefault(n, []).append(StreamSpan(begin, end, movement, str(trial)))
         shown = [e.movement for e in examples] + [span.movement for own in spans.values() for span in own]
@@ -77,7 +77,7 @@ class TrainingMemory:
 
 
 def _as_arrays(name: str, sources: Sequence[Example | Stream]) -> dict[str, NDArray[np.generic]]:
-    traces = [features_of(each) for each in sources]
+    traces = [each.features for each in sources]
     return {
         f"{name}_traces": np.concatenate(traces).astype(np.float32) if traces else np.zeros((0, 0), np.float32),
         f"{name}_lengths": np.array([len(trace) for trace in traces], np.int32),

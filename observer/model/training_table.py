@@ -9,7 +9,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example, Header, Stream, features_of
+from observer.model.base import Example, Header, Stream
 from observer.model.body_trace import EXTENT_S, extent
 from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
@@ -33,7 +33,7 @@ class TrainingTable:
     def __init__(self, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> None:
         self._header, self._examples, self._streams = header, examples, streams
         traces, traces_of_streams = (
-            [features_of(each).astype(np.float32) for each in source] for source in (examples, streams)
+            [each.features.astype(np.float32) for each in source] for source in (examples, streams)
         )
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
         self.extents = _usual_extents(examples, traces, header)

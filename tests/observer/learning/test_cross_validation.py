@@ -10,7 +10,6 @@ from common.vocabulary import Vocabulary
 from observer.learning.folds import FEWEST_FOLDS, fewer_folds, folds_by_recording
 from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibration
 from observer.model.base import Example, Header
-from observer.model.cross_validation import LearnedFromOthers
 from observer.model.parameters import FACINGS
 
 LABELS = ("bow", "lunge")
@@ -56,7 +55,7 @@ class BatchSpy(Spy):
 
     def cross_validated(self, folds, watched):
         self.SEEN.append((self.header.parameters["facings"], folds, watched))
-        return LearnedFromOthers([])
+        return self
 
 
 class SpyWatch:

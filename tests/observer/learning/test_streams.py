@@ -12,7 +12,6 @@ from common.vocabulary import Vocabulary
 from observer.learning.examples import gather_background
 from observer.learning.learn import learn_view
 from observer.model.base import Stream, StreamSpan
-from observer.model.cross_validation import LearnedFromOthers
 from observer.model.model_file import read_model, write_model
 from observer.model.phase import Phase
 from observer.model.registry import MODELS
@@ -91,7 +90,7 @@ class Streamed(Phase):
         return super().from_arrays(replace(header, background=None), arrays)
 
     def cross_validated(self, folds, watched):
-        return LearnedFromOthers([])
+        return self
 
 
 @pytest.fixture
@@ -113,7 +112,6 @@ def test_a_model_that_can_gets_the_streams_at_every_facing_without_being_asked(c
     model = learn_view(people, DOOR, WORDS, kind="streamed", parameters={"facings": 2.0}, calibrate=False)
     ((header, examples, streams),) = calls
     assert header.background == () and {s.facing for s in streams} == {0, 1}
-    assert all(s.features.shape == (len(s.tracks), 17) for s in streams)
     front = [s for s in streams if s.facing == 0]
     shown = [(span.movement, span.trial) for s in front for span in s.spans]
     assert shown == [(e.movement, e.trial) for e in examples if e.facing == 0 and "c." in e.trial]

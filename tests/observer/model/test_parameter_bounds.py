@@ -34,7 +34,7 @@ def rows():
     kinds = {}
     for kind, model in MODELS.items():
         for name, parameter in model.PARAMETERS.items():
-            kinds.setdefault((name, f"{parameter.default:g}", str(parameter.allowed)), []).append(f"`{kind}`")
+            kinds.setdefault((name, f"{parameter.default:g}", parameter.values), []).append(f"`{kind}`")
     return [f"| `{name}` | {', '.join(of)} | {default} | {values} |" for (name, default, values), of in kinds.items()]
 
 
@@ -48,9 +48,9 @@ def test_the_docs_list_every_parameter_with_its_bounds():
 def test_a_parameter_outside_its_bounds_is_one_line(kind):
     header = Header(kind, VOCABULARY, "door", np.eye(3, 4), 15.0, BODY_PARTS)
     for name, parameter in MODELS[kind].PARAMETERS.items():
-        low, high = parameter.allowed.low, parameter.allowed.high
+        low, high = parameter.low, parameter.high
         wrong = [math.nan, math.inf, -math.inf, 1e308, -1e308, math.nextafter(high, math.inf), low - 1e-3]
-        wrong += [1e-320] * (low > 0) + [low + 0.5] * parameter.allowed.whole
+        wrong += [1e-320] * (low > 0) + [low + 0.5] * parameter.whole
         for value in wrong:
             with pytest.raises(BadInput, match=f"parameter {name} = .* is expected$") as refused:
                 with_defaults(Header(**{**vars_of(header), "parameters": {name: value}}), MODELS[kind].PARAMETERS)
