@@ -5,8 +5,11 @@ last values.
 """
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from observer.body import BodyFrame
 from observer.features import REFERENCE_HZ, UP
@@ -100,6 +103,25 @@ def places_and_differences(parts: int) -> Floats32:
     """
     points = np.eye(2 * parts, dtype=np.float32).reshape(parts, 2, -1)
     return np.concatenate([*points, *(points[i] - points[k] for i in range(parts) for k in range(i))])
+
+
+FloatT = TypeVar("FloatT", np.float32, np.float64)
+
+
+def resampled(values: NDArray[FloatT], length: int) -> NDArray[FloatT]:
+    """(F, C) -> (length, C) at instants evenly from the first frame to the last, linear between frames."""
+    before, after, later = _between_frames(len(values), length)
+    share: NDArray[FloatT] = later.astype(values.dtype)
+    result: NDArray[FloatT] = values[before] * (1 - share) + values[after] * share
+    return result
+
+
+@lru_cache(maxsize=256)
+def _between_frames(frames: int, length: int) -> tuple[Integers, Integers, Floats]:
+    """(length,) frames before and after each of `length` instants, and (length, 1) the share of the later one."""
+    place = np.linspace(0, frames - 1, length)
+    before = place.astype(np.int64)
+    return before, np.minimum(before + 1, frames - 1), (place - before)[:, None]
 
 
 def relative_and_path(rows: Floats32) -> tuple[Floats32, Floats32]:

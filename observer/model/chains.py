@@ -22,16 +22,6 @@ def fill_gaps(features: Floats) -> Floats:
     return filled
 
 
-def resample_phases(features: Floats, phases: int) -> Floats:
-    """(F, D) features -> (Φ, D) at Φ instants evenly from the first frame to the last, linear between frames."""
-    place = np.linspace(0, len(features) - 1, phases)
-    before = np.floor(place).astype(int)
-    after = np.minimum(before + 1, len(features) - 1)
-    share = (place - before)[:, None]
-    chain: Floats = features[before] * (1 - share) + features[after] * share
-    return chain
-
-
 def complete_chains(chains: Floats, movement_of: Integers) -> Floats:
     """(C, Φ, D) -> the same without NaN: a feature that a chain never shows is the mean of other chains.
 

@@ -54,7 +54,7 @@ def leans_on(
             for trace in traces:
                 shown.append(trace.copy())
                 shown[-1][:, columns] = usual[columns]
-        logs = segments.log_posteriors_of(shown)[1, :, movement].reshape(1 + len(regions), -1).mean(axis=1)
+        logs = segments.log_posteriors(shown)[1, :, movement].reshape(1 + len(regions), -1).mean(axis=1)
         lost = zip(regions, (logs[0] - logs[1:]).tolist(), strict=True)
         result[label] = {region: round(max(nats, 0.0), 2) for region, nats in lost}
     return result

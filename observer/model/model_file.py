@@ -27,7 +27,7 @@ from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from observer.score.reference_arrays import references_as_arrays, references_from_arrays
 
 MODEL_FORMAT = 1
-REASON_LENGTH = 400
+REASON_LENGTH = 200
 """Characters of a reason: a file may contain anything."""
 
 
@@ -48,20 +48,16 @@ def read_model(path: Path) -> MovementModel:
         raise BadInput(f"{path}: not a model file ({error}); make one with labanmesh learn") from None
     if "header" not in arrays:
         raise BadInput(f"{path}: not a model file: it has no 'header', as labanmesh learn writes it")
-    header = str(arrays["header"])
+    header = str(arrays.pop("header"))
     try:
-        return _model_from(path, arrays)
+        return _model_from(header, arrays)
     except BadInput as error:
-        line = str(error)
-        raise BadInput(
-            line[:REASON_LENGTH] if line.startswith(str(path)) else f"{path}: {line}; learn it again"
-        ) from None
+        reason = str(error)
     except KeyError as error:
-        line = f"{path}: of another version of labanmesh, or damaged: it lacks {error}; {_learn_again(path, header)}"
-        raise BadInput(line[:REASON_LENGTH]) from None
+        reason = f"of another version of labanmesh, or damaged: it lacks {error}"
     except (TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        detail = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise BadInput(f"{path}: damaged model file ({detail}); learn it again") from None
+        reason = f"damaged model file ({' '.join(f'{type(error).__name__}: {error}'.split())[:REASON_LENGTH]})"
+    raise BadInput(f"{path}: {reason[: 2 * REASON_LENGTH]}; {_learn_again(path, header)}")
 
 
 def _learn_again(path: Path, header: str) -> str:
@@ -71,24 +67,18 @@ def _learn_again(path: Path, header: str) -> str:
         view, archive = str(document["view"]), str(document["provenance"]["archive"])
         seen_from = "" if view.partition(":")[0] == THIS_CAMERA else f" --view {view}"
         command = f"labanmesh learn {archive}{seen_from} -o {path}"
-        if command.isprintable():
+        if command.isprintable() and len(command) < REASON_LENGTH + len(str(path)):
             return f"learn it again: {command}"
     return "learn it again"
 
 
-def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
-    text = str(arrays.pop("header"))
+def _model_from(text: str, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     document = json.loads(text)
     if document["format"] != MODEL_FORMAT:
-        raise BadInput(
-            f"{path}: model format {document['format']}, this labanmesh reads {MODEL_FORMAT}: learn it again"
-        )
+        raise BadInput(f"model format {document['format']}, this labanmesh reads {MODEL_FORMAT}")
     kind, header = find_model(str(document["kind"])), _header_from(document)
     if kind is None:
-        known = ", ".join(MODELS)
-        raise BadInput(
-            f"{path}: model kind {document['kind']!r} is unknown; known: {known}; {_learn_again(path, text)}"
-        )
+        raise BadInput(f"model kind {document['kind']!r} is unknown; known: {', '.join(MODELS)}")
     # Parameters that only earlier versions had are left out.
     own = {name: value for name, value in header.parameters.items() if name in kind.PARAMETERS}
     references = references_from_arrays(arrays, header.vocabulary.labels, header.body_parts, header.rate_hz)

@@ -39,20 +39,6 @@ class Period:
     end: int
 
 
-def postures_of(trace: Floats) -> Floats:
-    """(F, 2 P + 3) trace -> (F, 2 P) places of the parts relative to the body, but for its path up and down."""
-    places = np.array(trace[:, :-3], np.float64)
-    places[:, 1::2] += trace[:, -2:-1]
-    return places
-
-
-def thinned(postures: Floats, step: int) -> Floats:
-    """(F, D) -> (F // step, D) means of `step` frames."""
-    frames = len(postures) // step
-    means: Floats = postures[: frames * step].reshape(frames, step, postures.shape[1]).mean(axis=1)
-    return means
-
-
 def without_drift(postures: Floats, lag: int) -> Floats:
     """Postures (F, D) less their means over `lag` frames around each, fewer at both ends."""
     sums = np.concatenate([np.zeros((1, postures.shape[1])), postures.cumsum(axis=0)])
@@ -119,7 +105,7 @@ def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | Non
     """The oscillation that more than half of the takes, traces (F, 2 P + 3), agree on; None if they do not."""
     # Traces at 30 Hz or more are thinned out: no part of a body goes to and fro five times a second.
     step = max(int(rate_hz / REFERENCE_HZ), 1)
-    postures, thinned_hz = [thinned(postures_of(trace), step) for trace in takes], rate_hz / step
+    postures, thinned_hz = [_postures_of(trace, step) for trace in takes], rate_hz / step
     periods = [period_in(each, thinned_hz) for each in postures]
     shown = [(each, period) for each, period in zip(postures, periods, strict=True) if period is not None]
     if 2 * len(shown) <= len(takes):
@@ -132,6 +118,15 @@ def oscillation_of(takes: Sequence[Floats], rate_hz: float) -> Oscillation | Non
     swings = np.array([(each @ axes.T).std(axis=0) * 2 * math.sqrt(2) for each in cycles])
     period_s = float(np.median([period.lag for _, period in shown])) / thinned_hz
     return Oscillation(period_s, axes, _usual(swings), float(np.median(swings.max(axis=1))))
+
+
+def _postures_of(trace: Floats, step: int) -> Floats:
+    """(F, 2 P + 3) -> (F // step, 2 P) places relative to the body, but for its path up and down; means of frames."""
+    frames = len(trace) // step
+    places = np.array(trace[: frames * step, :-3], np.float64)
+    places[:, 1::2] += trace[: frames * step, -2:-1]
+    means: Floats = places.reshape(frames, step, places.shape[1]).mean(axis=1)
+    return means
 
 
 def _usual(swings: Floats) -> Floats:

@@ -15,22 +15,23 @@ from observer.body import TRUNK_POINTS
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
 from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in, with_defaults
+from observer.model.body_trace import resampled
 from observer.model.chains import (
     PostureEvidence,
     Postures,
     RestPostures,
     complete_chains,
     fill_gaps,
-    resample_phases,
 )
 from observer.model.parameters import FACINGS, Parameter, Positive, Probability
 from observer.tracks import BODY_PARTS, Floats, Tracks
 
-FEWEST_PHASES = 8
 STEP_SHARES = (0.4, 0.3, 0.15, 0.1, 0.05)
 """P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
-ENTRY = (0.4, 0.3, 0.2, 0.1)
-"""P(a movement is entered in its first, ... fourth phase)."""
+ENTRY_PHASES = 4
+"""A movement is entered in one of its first phases; a chain has at least twice as many."""
+ENTRY = np.arange(ENTRY_PHASES, 0, -1) / sum(range(ENTRY_PHASES + 1))
+"""P(it is entered in its first, ... fourth phase), which falls evenly."""
 UNDER_WAY = 0.2
 """P(the person is in the middle of a movement when an observer starts). With .5 a movement is noticed hardly sooner,
 but the probability of rest begins at .7 in place of .9 where the person rests."""
@@ -82,9 +83,9 @@ class Phase:
         header = with_defaults(header, cls.PARAMETERS)
         features = [e.features if len(e.features) else _read(header, e) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
-        phases = max(round(np.median([*map(len, features)]) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
+        phases = max(round(np.median([*map(len, features)]) * REFERENCE_HZ / header.rate_hz), 2 * ENTRY_PHASES)
         movement_of, facing_of = np.array([(e.movement, e.facing) for e in examples], np.int64).T
-        chains = complete_chains(np.array([resample_phases(f, phases) for f in features]), movement_of)
+        chains = complete_chains(np.array([resampled(f, phases) for f in features]), movement_of)
         return cls(header, chains.astype(np.float32), movement_of, facing_of)
 
     @classmethod
@@ -116,11 +117,13 @@ class Phase:
 
     def watch(self, onset: Onset) -> "PhaseWatch":
         """Start the filter at rest, or at the first phases if the onset is known."""
+        return PhaseWatch(self, onset)
+
+    def chain_filter(self, onset: Onset) -> ChainFilter:
+        """The filter before the first frame."""
         dynamics = chain_dynamics(self.header.parameters, self._share, onset.known)
-        phases = self._chains.shape[1]
-        shape = self.header.vocabulary.size, self.facings
-        chain_filter = ChainFilter(self._cell_of, *shape, phases, dynamics, onset.known)
-        return PhaseWatch(self, posture_reader(self.header), chain_filter)
+        shape = self.header.vocabulary.size, self.facings, self._chains.shape[1]
+        return ChainFilter(self._cell_of, *shape, dynamics, onset.known)
 
     def evidence(self) -> PostureEvidence:
         """The likelihoods of frames that one person shows."""
@@ -133,9 +136,13 @@ class Phase:
 class PhaseWatch(Watch):
     """Watches one person with a phase filter."""
 
-    def __init__(self, model: Phase, reader: PostureReader, chain_filter: ChainFilter) -> None:
-        self._model, self._reader, self._filter = model, reader, chain_filter
-        self._evidence = model.evidence()
+    def __init__(self, model: Phase, onset: Onset) -> None:
+        self._several = model.facings > 1
+        self._reader, self._filter, self._evidence = (
+            posture_reader(model.header),
+            model.chain_filter(onset),
+            model.evidence(),
+        )
 
     @property
     def p(self) -> Floats:
@@ -146,7 +153,7 @@ class PhaseWatch(Watch):
     @property
     def joint(self) -> Floats | None:
         """(M, K) posterior over movements and facings; None for a model of one facing."""
-        return self._filter.posterior if self._model.facings > 1 else None
+        return self._filter.posterior if self._several else None
 
     @property
     def rest(self) -> float:
@@ -209,7 +216,7 @@ def chain_dynamics(parameters: Mapping[str, float], share: float, onset_known: b
     begin, forget, abandon = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
     return Dynamics(
         steps=step_probabilities(share),
-        entry=np.array(ENTRY),
+        entry=ENTRY,
         begin=begin,
         forget=forget,
         abandon=abandon,

@@ -18,19 +18,15 @@ from observer.model.base import Arrays, array_in
 from observer.tracks import Floats32, Integers
 
 TAPS = 9
-"""Weights of a kernel; this number and those below are the paper's, but for LEAST_BIAS and CHUNK."""
+"""Weights of a kernel, and at most as many channels are summed; MOST_DILATIONS is the paper's number too."""
 KERNELS = np.full((84, TAPS), -1, dtype=np.float32)
 """(84, 9) weights: every choice of three positions has weight 2, the rest has -1; the sum is 0."""
 for _row, _twos in enumerate(combinations(range(TAPS), 3)):
     KERNELS[_row, list(_twos)] = 2
 MOST_DILATIONS = 32
-MOST_CHANNELS = 9
-"""The largest number of channels over which one kernel sums."""
 GOLDEN_RATIO = (5**0.5 + 1) / 2
-LEAST_BIAS = 1e-5
+FLOAT32_ROUNDING = 1e-5
 """Body sizes: above the rounding of float32."""
-CHUNK = 4
-"""Windows that are transformed together: their convolutions stay in the processor's cache."""
 
 
 def choose_dilations(length: int, features: int) -> tuple[Integers, Integers]:
@@ -94,22 +90,18 @@ class MiniRocket:
 
     def transform(self, windows: NDArray[np.floating]) -> Floats32:
         """(N, C, n) windows without NaN, as many channels and frames as were learned -> (N, features): 0 to 1."""
-        chunks = (windows[begin : begin + CHUNK] for begin in range(0, len(windows), CHUNK))
-        counts = [self._counts(chunk).reshape(-1, self.features) for chunk in chunks]
-        return np.concatenate(counts, dtype=np.float32) * self._shares
+        return np.array([self._counts(window) for window in windows], np.float32) * self._shares
 
-    def _counts(self, windows: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
-        """(N, C, n) -> (N, B, 84): at how many instants each convolution exceeds each bias."""
-        count, begin = len(windows), 0
-        above = np.empty((count, self.features // len(KERNELS), self.length * len(KERNELS)), np.bool_)
+    def _counts(self, window: NDArray[np.floating]) -> NDArray[np.unsignedinteger]:
+        """(C, n) -> (features,): at how many instants each convolution exceeds each bias."""
+        begin, above = 0, np.empty((self.features // len(KERNELS), self.length * len(KERNELS)), np.bool_)
         for channels, dilation, limits in zip(self.channels, self.dilations.tolist(), self._limits, strict=True):
             end = begin + len(limits)
-            convolved = convolve(windows, channels, dilation).reshape(count, 1, -1)
-            np.greater(convolved, limits, out=above[:, begin:end])
+            np.greater(convolve(window[None], channels, dilation).reshape(1, -1), limits, out=above[begin:end])
             begin = end
-        by_instant = above.view(np.uint8).reshape(*above.shape[:2], self.length, -1)
         # Faster than a sum over the axis.
-        counts: NDArray[np.unsignedinteger] = np.einsum("nbqk->nbk", by_instant, dtype=self._counter)
+        by_instant = above.view(np.uint8).reshape(len(above), self.length, -1)
+        counts: NDArray[np.unsignedinteger] = np.einsum("bqk->bk", by_instant, dtype=self._counter).ravel()
         return counts
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
@@ -138,7 +130,7 @@ class MiniRocket:
 
 def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> NDArray[np.bool_]:
     """(D, 84, C): each pair of dilation and kernel gets 1 to 9 random channels, few more often than many."""
-    most = np.log2(min(channels, MOST_CHANNELS) + 1)
+    most = np.log2(min(channels, TAPS) + 1)
     counts = (2 ** rng.uniform(0, most, (dilations, len(KERNELS)))).astype(np.int64)
     ranks = rng.random((dilations, len(KERNELS), channels)).argsort(axis=2).argsort(axis=2)
     return ranks < counts[:, :, None]
@@ -169,7 +161,7 @@ def _tap_weights(length: int) -> Floats32:
 def biases_of(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:
     """(K, n) convolutions, (K, Q) quantiles of each -> (K, Q); a person who is still has 0, but for rounding."""
     bias = np.array([np.quantile(row, own) for row, own in zip(rows.astype(np.float64), quantiles, strict=True)])
-    return np.where(np.abs(bias) < LEAST_BIAS, LEAST_BIAS, bias)
+    return np.where(np.abs(bias) < FLOAT32_ROUNDING, FLOAT32_ROUNDING, bias)
 
 
 def _limits(length: int, margin: int, biases: Floats32, number: int) -> Floats32:

@@ -33,12 +33,8 @@ class SegmentClassifier:
     running: LogisticRegression
     ended: LogisticRegression
 
-    def log_posteriors(self, rows: Floats32) -> Floats32:
-        """(F, 2 P + 3) since the begin -> (2, M) log probabilities for a movement in progress, and an ended one."""
-        return self.log_posteriors_of([rows])[:, 0]
-
-    def log_posteriors_of(self, segments: Sequence[Floats32]) -> Floats32:
-        """N segments (F, 2 P + 3) -> (2, N, M), as `log_posteriors`."""
+    def log_posteriors(self, segments: Sequence[Floats32]) -> Floats32:
+        """N segments (F, 2 P + 3) since the begin -> (2, N, M) log probabilities if it is in progress, and ended."""
         windows = np.array([segment_window(rows, LENGTH) for rows in segments])
         features = _with_length(self.rocket.transform(windows), np.array([*map(len, segments)]))
         return np.stack([self.running.log_probabilities(features), self.ended.log_probabilities(features)])

@@ -138,7 +138,7 @@ class StackedWatch(Watch):
         if not len(rows):
             self._log_segment, self._elapsed = None, 1.0
         elif not (segment.over and self._judged_over) and not np.array_equal(rows, self._segment_rows):
-            self._log_segment = model.segments.log_posteriors(rows).astype(float)
+            self._log_segment = model.segments.log_posteriors([rows])[:, 0].astype(float)
             running = np.exp(self._log_segment[0] - self._log_segment[0].max())
             self._elapsed = len(rows) / float(running @ model.lengths / running.sum())
         self._segment_rows, self._judged_over = rows, segment.over

@@ -4,10 +4,11 @@
     score(else)       = ln Σ_m e^score(m) + Σ_g v_g h_g        v_g = Σ_r D_gr e_r  h: (G,), e: (R,)
     P                 = softmax(score) over the M movements and something else
 
-f: MEMBERS, c: CONTEXT, h: EVIDENCE and e: OTHER_CONTEXT below. Wolpert, "Stacked generalization", Neural Networks 5,
-1992; the weights depend on the instant as in Sill, Takacs, Mackey and Lin, "Feature-weighted linear stacking", 2009.
-B and D have Gaussian priors, whose means depend on how much was learned (TASK) and are themselves learned over many
-small and large tasks (`stacker_prior.py`). A user's own takes move them as far as they are evidence.
+f: MEMBERS, c: CONTEXT, h: EVIDENCE and e: OTHER_CONTEXT, which docs/design/model.md explains. Wolpert, "Stacked
+generalization", Neural Networks 5, 1992; the weights depend on the instant as in Sill, Takacs, Mackey and Lin,
+"Feature-weighted linear stacking", 2009. B and D have Gaussian priors, whose means depend on how much was learned
+(TASK) and are themselves learned over many tasks (`stacker_prior.py`). A user's takes move them as far as they are
+evidence.
 """
 
 import math
@@ -22,18 +23,9 @@ from common.probability import softmax
 from observer.tracks import Floats, Integers
 
 MEMBERS = ("phase", "trailing", "running", "ended", "nearest")
-"""f: log posteriors over the movements of the phase filter, of the trailing windows, and of the segment since the begin
-by the classifiers of movements in progress and of ended ones; the negative relative distance from the nearest take."""
 OTHER_CONTEXT = ("one", "over", "elapsed", "unknown")
-"""e: the first of c."""
 CONTEXT = (*OTHER_CONTEXT, *(f"entropy of {member}" for member in MEMBERS if member != "nearest"))
-"""c: 1; whether the movement is over; ln of the time since its begin in lengths of the movement; whether its begin is
-unknown; the members' entropies as shares of ln M."""
 EVIDENCE = ("one", "odds", "distance", "agreement", "entropy", "smallness")
-"""h: 1; log odds of something else by the trailing windows; the mean over P(m) of the logarithm of the relative
-distance from the nearest take; the logarithm of the probability that two members agree; the entropy of P(m) as a share
-of ln M; the mean over P(m) of the logarithm of how far the parts went, as a share of the movement's usual extent, at
-most 0."""
 BEGIN_UNKNOWN = CONTEXT.index("unknown")
 TASK = ("one", "takes", "people", "movements", "other motion")
 """1; the logarithms of the numbers of takes of a movement, of people and of movements, and of 1 + the seconds of other

@@ -92,8 +92,7 @@ class TrailingFeatures:
 
     def watch(self) -> "TrailingWatch":
         """Start watching a stream, row by row."""
-        weights = np.array(self._weights).reshape(len(self._biases), -1, len(KERNELS))
-        return TrailingWatch(self.windows, self._rate_hz, weights, self._biases)
+        return TrailingWatch(self.windows, self._rate_hz, np.array(self._weights), self._biases)
 
     def _shares(self, path: Floats32, at: Integers) -> Iterable[Floats32]:
         for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):

@@ -8,13 +8,13 @@ movements of a continuous recording are "something else".
 import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Example, Shown, Stream, evenly_spread, recording_numbers
-from observer.model.body_trace import hop_of
+from observer.model.body_trace import hop_of, resampled
+from observer.stillness import USUAL_NOISE
 from observer.tracks import Floats32, Integers
 
 RECOGNISABLE = 0.35
@@ -25,8 +25,6 @@ REST_S = 1.6
 """How long a person is shown at rest before or after a movement."""
 RESTS_AFTER_S = (0.5, 0.9, 1.4)
 """How long after the end of a movement such a rest is shown."""
-TREMBLING = 0.03
-"""Body sizes: the noise of a resting person's parts."""
 AFTERGLOW_S = 0.1
 """For so long after its end a movement in a stream is still shown: where it ends is not known better, and spans so near
 to each other have no rest between them."""
@@ -146,7 +144,7 @@ def between_rests(
         rest[: after // 2] = posture_change(trace[-1], later, after // 2)
         rest[after // 2 :, :-3] = later[:-3]
     shown = np.concatenate([np.repeat(trace[:1], before, axis=0), trace, rest])
-    noise = rng.normal(0, TREMBLING, shown.shape).astype(np.float32)
+    noise = rng.normal(0, USUAL_NOISE, shown.shape).astype(np.float32)
     noise[before : before + len(trace)] = 0.0
     noise[:, -1] = 0.0
     result: Floats32 = shown + noise
@@ -174,22 +172,6 @@ def _other_movement(examples: Sequence[Example], n: int) -> int | None:
         k for k, e in enumerate(examples) if e.movement != examples[n].movement and e.facing == examples[n].facing
     ]
     return others[int(evenly_spread(n) * len(others))] if others else None
-
-
-def resampled(values: Floats32, length: int) -> Floats32:
-    """(F, C) -> (length, C), linear between frames."""
-    before, after, share, rest = _between_frames(len(values), length)
-    result: Floats32 = values[before] * rest + values[after] * share
-    return result
-
-
-@lru_cache(maxsize=256)
-def _between_frames(frames: int, length: int) -> tuple[Integers, Integers, Floats32, Floats32]:
-    """(length,) frames before and after each of `length` instants, (length, 1) the shares of the later and earlier."""
-    place = np.linspace(0, frames - 1, length)
-    before = place.astype(np.int64)
-    share = (place - before)[:, None].astype(np.float32)
-    return before, np.minimum(before + 1, frames - 1), share, 1 - share
 
 
 def segment_window(trace: Floats32, length: int) -> Floats32:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from observer.model.base import Example, Header, Stream
 from observer.model.body_trace import EXTENT_S, extent
 from observer.model.logistic import ITERATIONS, LogisticRegression
+from observer.model.rocket import FLOAT32_ROUNDING
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
 from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.model.training_rows import frames_apart, rows_of_examples, rows_of_streams
@@ -20,8 +21,6 @@ from observer.tracks import Floats, Floats32
 Chosen = NDArray[np.bool_]
 ENOUGH_EXAMPLES = 200
 """With fewer examples of movements each counts more: a penalty chosen for many leaves all answers equally likely."""
-LEAST_EXTENT = 1e-3
-"""Body sizes: a movement that is shown without motion has some extent."""
 
 
 class TrainingTable:
@@ -92,4 +91,4 @@ def _usual_extents(examples: Sequence[Example], traces: Sequence[Floats32], head
         for e, t in zip(examples, traces, strict=True)
     ]
     of_each = ([size for movement, size in largest if movement == m] for m in range(header.vocabulary.size))
-    return np.array([max(float(np.median(sizes)), LEAST_EXTENT) for sizes in of_each])
+    return np.array([max(float(np.median(sizes)), FLOAT32_ROUNDING) for sizes in of_each])

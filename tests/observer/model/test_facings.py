@@ -42,13 +42,6 @@ def model_of(people):
     return model
 
 
-@pytest.fixture(scope="module")
-def calibrated():
-    """A model of two facings, from enough recordings to be calibrated."""
-    archive = perform(("1", "2"), LABELS, trials=4, seed=3)
-    return learn_view(archive, DOOR, Vocabulary(LABELS), kind="phase", parameters={"facings": 2.0})
-
-
 def watched(model, recording, turn_deg=0.0):
     """The posteriors of a person who has turned to their left."""
     facing_away = replace(recording, positions=turned(recording.positions, math.radians(turn_deg)))
@@ -75,26 +68,19 @@ def test_movement_and_facing_of_a_turned_person_are_recognised(model_of, people,
         assert faced.argmax() * 360 / facings == turn_deg and faced.max() > 2 / facings
 
 
-def test_a_model_of_one_facing_confuses_a_turned_person(model_of, people):
-    model = model_of(1)
-    assert all(label_of(watched(model, recording)[-1]) == recording.label for recording in third(people))
-    lunges = [recording for recording in third(people) if recording.label == "lunging"]
-    assert lunges and all(label_of(watched(model, recording, 90)[-1]) != "lunging" for recording in lunges)
-
-
 def test_facings_are_distributions_for_each_movement(model_of, people):
     for posterior in watched(model_of(8), third(people)[0]):
         assert posterior.p.shape == (3,) and posterior.p.sum() == pytest.approx(1)
         assert posterior.facing.shape == (3, 8) and posterior.facing.sum(axis=1) == pytest.approx(np.ones(3))
 
 
-def test_the_file_contains_facings(calibrated, people, tmp_path):
-    write_model(tmp_path / "a.model", calibrated)
+def test_the_file_contains_facings(model_of, people, tmp_path):
+    write_model(tmp_path / "a.model", model_of(8))
     again = read_model(tmp_path / "a.model")
-    assert again.header.parameters["facings"] == 2
-    assert np.bincount(again.arrays()["facing_of"]).tolist() == [24, 24]
+    assert again.header.parameters["facings"] == 8
+    assert np.bincount(again.arrays()["facing_of"]).tolist() == [12] * 8
     recording = third(people)[0]
-    for one, other in zip(watched(calibrated, recording, 180), watched(again, recording, 180), strict=True):
+    for one, other in zip(watched(model_of(8), recording, 180), watched(again, recording, 180), strict=True):
         np.testing.assert_array_equal(one.p, other.p)
         np.testing.assert_array_equal(one.facing, other.facing)
         assert one.unlearned == other.unlearned

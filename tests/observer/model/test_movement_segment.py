@@ -3,9 +3,8 @@
 And what was believed before it, which stands in rest as far as the segment is no movement.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,8 +12,8 @@ from observer.model.movement_segment import MovementBefore, MovementSegment
 from observer.tracks import Floats
 
 RATE_HZ = 30.0
-REST, MOVEMENT, OTHER = (True, 1.0), (False, 0.05), (False, 0.95)
-"""Whether the person rests, and P(something else)."""
+FRAMES = {"R": (True, 1.0), "M": (False, 0.05), "O": (False, 0.95)}
+"""Rest, movement, something else: whether the person rests, and P(something else)."""
 
 
 def answers(something_else: float, movement: int = 0) -> Floats:
@@ -22,33 +21,39 @@ def answers(something_else: float, movement: int = 0) -> Floats:
     return np.array([*((1 - something_else) * (m == movement) for m in range(3)), something_else])
 
 
-def shown(frames: Iterable[tuple[bool, float]], longest: float = 90.0) -> list[int | None]:
-    """The frames since the begin, after each frame of a stream."""
-    segment = MovementSegment(RATE_HZ, False, longest)
-    begun = []
+def shown(stream: str) -> list[int | None]:
+    """The frames since the begin, after each frame of a stream such as `R30 M20`."""
+    segment = MovementSegment(RATE_HZ, False, 90.0)
+    begun, frames = list[int | None](), (FRAMES[part[0]] for part in stream.split() for _ in range(int(part[1:])))
     for stored, (resting, something_else) in enumerate(frames, 1):
         segment.update(resting, 1.0 * resting, answers(something_else), something_else, stored)
         begun.append(segment.begun)
     return begun
 
 
-def test_a_movement_after_rest_has_a_begin() -> None:
-    begun = shown([*[REST] * 30, *[OTHER] * 8, *[MOVEMENT] * 22])
-    assert begun[29] is None
-    assert begun[-1] == 9 + 29, "the lag of stillness, and the frames since rest ended"
+STREAMS = {
+    "after rest: the lag of stillness, and the frames since rest ended": ("R30 O8 M22", 9 + 29),
+    "the next one without rest": ("R30 M20 O10 M20", None),
+    "rest before the third one shows its begin": ("R30 M20 O10 M20 R15 M10", 9 + 9),
+    "the stream begins in it": ("M20", 20),
+    "the stream begins in another one": ("M20 R15 M10", 9 + 9),
+}
 
 
-def test_the_next_movement_without_rest_has_none() -> None:
-    begun = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[MOVEMENT] * 20])
-    assert begun[49] is not None
-    assert begun[60:] == [None] * 20
-    again = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])
-    assert again[-1] == 9 + 9, "rest before the third movement shows its begin"
+@pytest.mark.parametrize(("stream", "begun"), STREAMS.values(), ids=STREAMS)
+def test_a_movement_has_a_begin_after_rest_and_the_next_one_without_rest_has_none(
+    stream: str, begun: int | None
+) -> None:
+    assert shown(stream)[-1] == begun
 
 
-def test_the_segment_is_known_until_the_next_movement_is_shown() -> None:
-    """Something else rises at the end of a movement, before the person is seen to rest."""
-    assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[REST] * 5])[30:]
+@pytest.mark.parametrize(
+    "stream",
+    ["R30 M20 O10 R5", "R30 M20 O9 M5", "R30 O30 M10"],
+    ids=["something else rises before rest is seen", "a moment of doubt", "a slow begin is like something else"],
+)
+def test_what_is_no_next_movement_does_not_end_the_segment(stream: str) -> None:
+    assert None not in shown(stream)[30:]
 
 
 def test_a_segment_in_which_two_movements_are_named_has_no_begin() -> None:
@@ -69,20 +74,6 @@ def test_a_change_of_mind_that_is_not_sure_ends_nothing() -> None:
     for stored in range(1, 41):
         segment.update(False, 0.0, answers(0.25 if stored <= 20 else 0.1, stored // 20), 0.1, stored)
     assert segment.begun == 40
-
-
-def test_a_moment_of_doubt_ends_nothing() -> None:
-    assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 9, *[MOVEMENT] * 5])[30:]
-
-
-def test_a_stream_may_begin_in_a_movement() -> None:
-    assert shown([*[MOVEMENT] * 20])[-1] == 20
-    assert shown([*[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])[-1] == 9 + 9, "the next begins after rest"
-
-
-def test_a_slow_begin_is_part_of_the_movement() -> None:
-    """The first part of a movement does not differ from something else."""
-    assert None not in shown([*[REST] * 30, *[OTHER] * 30, *[MOVEMENT] * 10])[30:]
 
 
 def test_a_posture_that_is_held_ends_the_segment_and_one_that_is_not_goes_on() -> None:

@@ -4,6 +4,7 @@ import copy
 import json
 import math
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -53,12 +54,8 @@ def test_a_parameter_outside_its_bounds_is_one_line(kind):
         wrong += [1e-320] * (low > 0) + [low + 0.5] * parameter.whole
         for value in wrong:
             with pytest.raises(BadInput, match=f"parameter {name} = .* is expected$") as refused:
-                with_defaults(Header(**{**vars_of(header), "parameters": {name: value}}), MODELS[kind].PARAMETERS)
+                with_defaults(replace(header, parameters={name: value}), MODELS[kind].PARAMETERS)
             assert "\n" not in str(refused.value)
-
-
-def vars_of(header):
-    return {name: getattr(header, name) for name in header.__dataclass_fields__}
 
 
 @pytest.fixture(scope="module")
@@ -108,10 +105,8 @@ def judged(learned, tmp_path):
 
 
 DAMAGE = [
-    ("phase", "chains", lambda a: np.full_like(a, np.nan)),
     ("phase", "movement_of", lambda a: a + 1000),
     ("phase", "facing_of", lambda a: a * 0 - 5),
-    ("frame-table", "log_table", lambda a: a * np.nan),
     ("frame-table", "log_table", lambda a: a * 0 + 1e308),
     ("frame-table", "mean_frames", lambda a: a * 0 + 1e-320),
     ("stacked", "rocket_length", lambda a: a * 0 + 2**62),
@@ -119,8 +114,6 @@ DAMAGE = [
     ("stacked", "rocket_biases", lambda a: a[:84]),
     ("stacked", "running_weights", lambda a: a * np.inf),
     ("stacked", "take_scales", lambda a: a * 0),
-    ("stacked", "stacker_weights", lambda a: a * np.nan),
-    ("stacked", "stacker_other", lambda a: a[1:]),
     ("stacked", "example_movements", lambda a: a * 0),
     ("stacked", "extents", lambda a: a * -1),
     ("stacked", "example_traces", lambda a: a * np.nan),

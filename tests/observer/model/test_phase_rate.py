@@ -9,7 +9,7 @@ from performances import DOOR
 from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Header, Onset, with_defaults
-from observer.model.chains import resample_phases
+from observer.model.body_trace import resampled
 from observer.model.phase import STEP_SHARES, Phase, chain_dynamics, step_probabilities
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of
@@ -66,7 +66,7 @@ def test_phases_lie_evenly_between_the_first_and_the_last_frame(frames, phases):
     rows = np.random.default_rng(frames).normal(0, 1, (frames, 2))
     at = np.linspace(0, frames - 1, phases)
     expected = np.stack([np.interp(at, np.arange(frames), column) for column in rows.T], axis=1)
-    np.testing.assert_allclose(resample_phases(rows, phases), expected, atol=1e-9)
+    np.testing.assert_allclose(resampled(rows, phases), expected, atol=1e-9)
 
 
 def performed(label, size):

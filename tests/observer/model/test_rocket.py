@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.model.rocket import CHUNK, MiniRocket, choose_dilations
+from observer.model.rocket import MiniRocket, choose_dilations
 
 LENGTH, CHANNELS = 60, 6
 
@@ -54,7 +54,7 @@ def test_features_are_the_shares_of_instants_above_a_bias(seed, channels, length
     expected, distance = plain_features(rocket, windows[2])
     sure = distance > 1e-4
     assert sure.mean() > 0.9
-    np.testing.assert_allclose(rocket.transform(windows[2:])[0, sure], expected[sure], atol=1e-6)
+    np.testing.assert_allclose(rocket.transform(windows)[2, sure], expected[sure], atol=1e-6)
 
 
 @pytest.mark.parametrize(("length", "features"), [(60, 2500), (60, 84), (9, 500), (64, 10_000), (300, 5000)])
@@ -64,16 +64,6 @@ def test_dilations_fit_the_window_and_share_all_features(length, features):
     assert counts.sum() == features // 84 and (counts >= 0).all()
     windows = windows_of(1, 3, 2, length)
     assert MiniRocket.learn(windows, features).transform(windows).shape == (3, features // 84 * 84)
-
-
-def test_a_batch_has_the_features_of_its_windows():
-    windows = windows_of(2, 2 * CHUNK + 3)
-    rocket = MiniRocket.learn(windows, 2500)
-    together = rocket.transform(windows)
-    alone = np.concatenate([rocket.transform(window[None]) for window in windows])
-    # A product of other shape may round differently where a convolution equals a bias.
-    assert (np.abs(together - alone) > 1e-6).mean() < 1e-4
-    assert together.dtype == np.float32 and together.min() >= 0 and together.max() <= 1
 
 
 def test_sums_of_channels_are_channels_of_summed_windows():
@@ -97,10 +87,3 @@ def test_biases_spread_over_the_training_windows():
     features = MiniRocket.learn(windows, 2500).transform(windows)
     assert (features.std(axis=0) > 0).mean() > 0.95
     assert features.mean() == pytest.approx(0.5, abs=0.1)
-
-
-def test_the_arrays_of_a_model_file_are_the_same_transform():
-    windows = windows_of(6)
-    rocket = MiniRocket.learn(windows, 700)
-    read = MiniRocket.from_arrays(rocket.as_arrays())
-    assert read.length == rocket.length and (read.transform(windows) == rocket.transform(windows)).all()

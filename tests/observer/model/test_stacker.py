@@ -224,17 +224,6 @@ def test_a_member_that_does_not_judge_changes_nothing(absent, gone):
         np.testing.assert_array_equal(one, two)
 
 
-def test_many_instants_at_once_are_judged_as_one_by_one():
-    rng = np.random.default_rng(7)
-    instants, stacker = instants_of(rng, 9), stacker_of(rng)
-    p, something_else = stacker.judge(instants)
-    for n in range(9):
-        one = Instants(*(getattr(instants, field.name)[n] for field in fields(Instants)))
-        assert stacker.judge(one)[0] == pytest.approx(p[n]) and stacker.judge(one)[1] == pytest.approx(
-            something_else[n]
-        )
-
-
 logs = st.floats(-1e4, 0)
 anything = st.integers(2, 6).flatmap(
     lambda m: st.fixed_dictionaries(

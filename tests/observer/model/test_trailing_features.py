@@ -70,12 +70,6 @@ def test_a_watch_has_the_features_of_the_whole_recording_at_any_rate(rate_hz):
     assert different.mean() < 1e-4
 
 
-def test_only_as_many_rows_as_the_history_says_are_needed(features):
-    rows = read_trace(PARTS, RATE_HZ, recording(9, frames=200))
-    recent = rows[-features.windows.history - 1 :]
-    np.testing.assert_allclose(newest(features, recent), newest(features, rows), atol=2e-5)
-
-
 @pytest.mark.parametrize(("at", "size"), [((40.0, -7.0), 1.0), ((0.0, 0.0), 250.0), ((320.0, 240.0), 90.0)])
 def test_where_and_how_large_the_person_is_does_not_matter(features, at, size):
     rows, moved = (read_trace(PARTS, RATE_HZ, recording(5, at=p, size=s)) for p, s in (((0, 0), 1.0), (at, size)))
@@ -152,11 +146,3 @@ def test_before_the_first_sight_a_trace_is_still():
     trace = BodyTrace(PARTS, RATE_HZ)
     rows = [trace.update(nobody) for _ in range(5)]
     assert all((row == rows[0]).all() and np.isfinite(row).all() for row in rows)
-
-
-def test_stored_features_are_the_same(features):
-    stored = TrailingFeatures.from_arrays(features.as_arrays(), RATE_HZ, len(PARTS))
-    rows = read_trace(PARTS, RATE_HZ, recording(7))
-    np.testing.assert_array_equal(newest(stored, rows), newest(features, rows))
-    with pytest.raises(ValueError, match=r"trailing_channels of shape .* are expected"):
-        TrailingFeatures.from_arrays(features.as_arrays(), RATE_HZ, 3)

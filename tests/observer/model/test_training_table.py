@@ -15,23 +15,19 @@ from observer.model.base import (
     recording_numbers,
     with_defaults,
 )
-from observer.model.body_trace import extent, places_and_differences
+from observer.model.body_trace import extent
 from observer.model.held_out import STRANGE_FROM, STRANGE_SHARE, Watched, rows_of_fold, stacker_rows, streams_left_out
-from observer.model.logistic import LogisticRegression
 from observer.model.stacked import Stacked
 from observer.model.stacker import BEGIN_UNKNOWN, LOWEST
 from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
     RECOGNISABLE,
-    another_take,
-    between_rests,
-    posture_change,
     rows_of_examples,
     rows_of_streams,
     segment_window,
 )
-from observer.model.training_table import ENOUGH_EXAMPLES, TrainingTable
+from observer.model.training_table import TrainingTable
 from observer.tracks import BODY_PARTS, Tracks
 
 RATE_HZ = 15.0
@@ -92,18 +88,6 @@ def test_targets_are_distributions_and_a_movement_is_shown_from_a_third_on(examp
             assert examples[one].movement != examples[other].movement and (rows.targets[:, -1] == 1.0).all()
 
 
-def test_a_segment_does_not_depend_on_where_it_began_nor_on_the_size_that_was_known(examples):
-    trace = traces_of(examples)[4]
-    moved = trace.copy()
-    moved[:, -3:-1] += (4.0, -2.0)
-    np.testing.assert_allclose(segment_window(moved, 60), segment_window(trace, 60), atol=1e-5)
-    # All lengths are halved while the size is thought to be twice as large.
-    late = trace.copy()
-    late[:10, :-3] /= 2
-    late[:10, -1] *= 2
-    np.testing.assert_allclose(segment_window(late, 60)[:, 30:], segment_window(trace, 60)[:, 30:], atol=0.2)
-
-
 def test_a_window_holds_the_parts_where_they_are_and_where_the_body_has_gone_since_the_begin():
     """Two parts: one stays beside the body, which moves, the other moves against it."""
     frames = np.arange(11)[:, None]
@@ -135,21 +119,6 @@ def test_lengths_extents_and_the_usual_posture_are_those_of_the_examples(example
         assert memory.lengths_of(movement) == [len(trace) for trace in own]
     everything = np.concatenate(traces)
     np.testing.assert_allclose(memory.usual_posture, everything[:, :6].mean(axis=0), rtol=1e-4)
-
-
-def test_each_of_few_examples_counts_more(header, examples, table):
-    """The loss of few examples is scaled to that of ENOUGH_EXAMPLES, so that a penalty suits both."""
-    penalty = header.parameters["trailing_penalty"] * ENOUGH_EXAMPLES / len(examples)
-    kinds = (table.trailing.convolutions,)
-    expected = LogisticRegression.learn(table._features, table._targets, penalty, kinds=kinds)
-    np.testing.assert_allclose(table.learn()[0].weights, expected.weights, atol=1e-4)
-
-
-def test_channels_of_a_segment_are_the_places_of_parts_and_their_differences():
-    hand, foot, head = np.array([1.0, 2.0]), np.array([4.0, -1.0]), np.array([0.5, 0.25])
-    sums = places_and_differences(3) @ np.concatenate([hand, foot, head])
-    expected = [hand, foot, head, foot - hand, head - hand, head - foot]
-    np.testing.assert_allclose(sums, np.concatenate(expected))
 
 
 def test_a_fold_does_not_learn_from_those_left_out(header, examples, table):
@@ -254,27 +223,6 @@ def test_late_instants_of_movements_are_also_those_of_movements_that_are_not_kno
     only_two = [replace(row, instant=_of_two(row)) for row in watched_rows]
     assert len(stacker_rows(only_two).truth) == count, "without one of two, the other is certain"
     assert stacker_rows([]) is None
-
-
-def test_a_person_changes_posture_in_the_first_half_of_a_rest_and_stays_where_they_are(examples):
-    traces = traces_of(examples)
-    trace, later, rng = traces[0], traces[4][0], np.random.default_rng(0)
-    shown = between_rests(trace, 5, 40, rng, later)
-    assert len(shown) == 5 + len(trace) + 40 and (shown[5 : 5 + len(trace)] == trace).all()
-    rest = shown[5 + len(trace) :]
-    distance = np.abs(rest[:, :-3] - later[:-3]).max(axis=1)
-    far = np.abs(trace[-1, :-3] - later[:-3]).max()
-    assert distance[:3].min() > far - 0.2 and distance[20:].max() < 0.2, "but for trembling"
-    assert (np.abs(rest[:, -3:] - trace[-1, -3:]).max(axis=0) < [0.2, 0.2, 1e-6]).all()
-    steps = posture_change(trace[-1], later, 20)
-    assert (steps[0] == trace[-1]).all() and steps[-1, :-3] == pytest.approx(later[:-3])
-
-
-def test_the_other_posture_is_that_before_the_last_take_of_the_same_person_and_facing(examples):
-    order = [another_take(examples, n) for n in range(len(examples))]
-    assert order[:7] == [5, 0, 1, 2, 3, 4, 11], "six takes of the first person, then those of the second"
-    turned = [replace(e, facing=n % 2) for n, e in enumerate(examples)]
-    assert another_take(turned, 2) == 0 and another_take(examples[:1], 0) == 0
 
 
 def test_movements_not_known_weigh_what_recorded_other_motion_lacks_of_a_share_of_the_known_ones(watched):

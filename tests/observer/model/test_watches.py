@@ -57,7 +57,7 @@ def test_the_posterior_is_that_of_the_stacker_from_what_each_member_says(people,
         phase = model.phase.watch(Onset(known=True))
         for each in tracks:
             phase.update(each)
-        log_segment = model.segments.log_posteriors(rows).astype(float)
+        log_segment = model.segments.log_posteriors([rows])[:, 0].astype(float)
         length = np.exp(log_segment[0]) @ model.lengths
         of_begin = {"phase": phase.p, "log_segment": log_segment, "distances": None, "elapsed": len(rows) / length}
         if model.takes is not None:
@@ -70,31 +70,11 @@ def test_the_posterior_is_that_of_the_stacker_from_what_each_member_says(people,
     assert watch.unlearned.sum() == pytest.approx(float(something_else), abs=2e-3)
 
 
-def test_frames_that_are_passed_over_count_although_they_are_not_classified(people, model):
-    plain, hurried = (model.watch(Onset(known=True)) for _ in range(2))
-    compared, alike = 0, True
-    for number, tracks in enumerate(tracks_of(people)):
-        before = hurried.p
-        plain.update(tracks)
-        hurried.pass_over(tracks)
-        # Where a movement pauses or ends depends on what was classified before.
-        alike = alike and hurried._segment.over == plain._segment.over
-        if number % 4:
-            np.testing.assert_array_equal(hurried.p, before)
-        else:
-            for watch in (plain, hurried):
-                watch.classify()
-            if alike and (hurried.instant.context[1:4] == plain.instant.context[1:4]).all():
-                np.testing.assert_allclose(hurried.p, plain.p, atol=1e-6)
-                compared += 1
-    assert compared > 2
-
-
 def test_in_the_rest_after_a_movement_its_segment_is_not_judged_again(people, model, monkeypatch):
     tracks = [*tracks_of(people, 1)]
     tracks += tracks[-1:] * 20
     judged, segments = [], model.segments
-    counted = SimpleNamespace(log_posteriors=lambda rows: judged.append(rows) or segments.log_posteriors(rows))
+    counted = SimpleNamespace(log_posteriors=lambda rows: judged.extend(rows) or segments.log_posteriors(rows))
     monkeypatch.setattr(model, "segments", counted)
     watch, at_rest = model.watch(Onset(known=True)), []
     for each in tracks:
@@ -103,7 +83,7 @@ def test_in_the_rest_after_a_movement_its_segment_is_not_judged_again(people, mo
         if watch.instant.context[1]:
             at_rest.append((len(judged) - before, watch.instant.members[2:4]))
     assert len(at_rest) > 8 and sum(calls for calls, _ in at_rest) <= 1
-    anew = segments.log_posteriors(judged[-1])
+    anew = segments.log_posteriors(judged[-1:])[:, 0]
     np.testing.assert_allclose(at_rest[-1][1], np.maximum(anew, LOWEST), atol=1e-5)
 
 
