@@ -28,10 +28,8 @@ from observer.learning.descriptions import (
 from observer.learning.learn_options import LearnOptions
 
 if TYPE_CHECKING:
-    from observer.geometry.placement import PersonPlacement
     from observer.learning.learning_sources import LearningSource
     from observer.motion.archive import MotionArchive
-    from observer.motion.sensors import SensorFile
 
 ENOUGH_RECORDINGS = 3
 """For movements with fewer recordings `learn` prints a warning."""
@@ -64,31 +62,23 @@ def learn(options: LearnOptions) -> None:
     labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
     # Begins before the imports, which take a moment.
     with ProgressBar("reading the recordings"):
-        sensors, sources = _read(options)
-    from observer.motion.archive import require_labels
-    from observer.motion.sensors import require_shared_labels
+        from observer.learning.learning_sources import read_sources
+        from observer.motion.archive import require_labels
+        from observer.motion.sensors import require_shared_labels
 
+        sources = read_sources(options)
     if options.effort:
-        _learn_effort(options, sources[0], sensors[0].placement)
+        _learn_effort(options, sources[0])
     elif options.add_to:
-        _add_movements(options, options.add_to, sources[0], sensors[0].placement, labels, parameters)
+        _add_movements(options, options.add_to, sources[0], labels, parameters)
     else:
         labels = labels or tuple(dict.fromkeys(label for source in sources for label in source.labels))
         if options.sensor:
-            archives = [source.archive for source in sources]
-            require_shared_labels(labels, dict(zip([sensor.name for sensor in sensors], archives, strict=True)))
+            require_shared_labels(labels, {source.name: source.archive for source in sources})
         else:
             require_labels(labels, sources[0].archive, "--labels")
         vocabulary = Vocabulary(labels, options.name)
-        _learn_all([_Part(options, *of_one, vocabulary, parameters) for of_one in zip(sensors, sources, strict=True)])
-
-
-def _read(options: LearnOptions) -> "tuple[Sequence[SensorFile], list[LearningSource]]":
-    """The sensors, and the recordings of each."""
-    from observer.learning.learning_sources import read_source, sensors_to_learn
-
-    sensors = sensors_to_learn(options)
-    return sensors, [read_source(sensor, options) for sensor in sensors]
+        _learn_all([_Part(options, source, vocabulary, parameters) for source in sources])
 
 
 def _require_compatible(options: LearnOptions) -> None:
@@ -108,7 +98,6 @@ class _Part:
     """The input from which the model of one sensor is learned."""
 
     options: LearnOptions
-    sensor: "SensorFile"
     source: "LearningSource"
     vocabulary: Vocabulary
     parameters: Mapping[str, float]
@@ -139,8 +128,8 @@ def _learn_movements(part: _Part) -> str:
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
 
-    options, sensor, source = part.options, part.sensor, part.source
-    output = options.output / f"{sensor.name}.model" if sensor.name else options.output
+    options, source = part.options, part.source
+    output = options.output / f"{source.name}.model" if source.name else options.output
     learned = learn_view(
         of_one_person(source.archive) if options.known_people else source.archive,
         source.view,
@@ -150,10 +139,10 @@ def _learn_movements(part: _Part) -> str:
         parameters=part.parameters,
         provenance=source.provenance,
         background=source.background,
-        placement=sensor.placement,
+        placement=source.placement,
     )
     if chosen := split_list("--reference", options.reference):
-        learned = with_references(learned, source.archive, source.view, chosen, sensor.placement)
+        learned = with_references(learned, source.archive, source.view, chosen, source.placement)
     write_model(output, learned)
     header, recorded = learned.header, source.archive.body_parts
     lines = [
@@ -175,7 +164,6 @@ def _add_movements(
     options: LearnOptions,
     old: Path,
     source: "LearningSource",
-    placement: "PersonPlacement | None",
     labels: Sequence[str],
     parameters: Mapping[str, float],
 ) -> None:
@@ -191,19 +179,19 @@ def _add_movements(
             kind=options.model,
             parameters=parameters,
             source=source.provenance["archive"],
-            placement=placement,
+            placement=source.placement,
         )
     write_model(options.output, edited.model)
     print(describe_addition(options.output, edited))
     _warn_of_few_recordings(source.archive, edited.labels)
 
 
-def _learn_effort(options: LearnOptions, source: "LearningSource", placement: "PersonPlacement | None") -> None:
+def _learn_effort(options: LearnOptions, source: "LearningSource") -> None:
     from observer.effort.effort_file import write_effort
     from observer.effort.model import learn_effort
     from observer.motion.placing import placed
 
-    archive = placed(source.archive, placement) if placement else source.archive
+    archive = placed(source.archive, source.placement) if source.placement else source.archive
     with ProgressBar("learning"):
         learned = learn_effort(archive, source.view, source.provenance)
     write_effort(options.output, learned)

@@ -8,7 +8,7 @@ from pathlib import Path
 from common.config import Scene, read_scene
 from common.errors import BadInput, reason_of
 from common.text import split_list
-from observer.geometry.placement import parse_place, placement_of
+from observer.geometry.placement import PersonPlacement, parse_place, placement_of
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
 from observer.learning.learn import BLENDS
@@ -22,8 +22,11 @@ from observer.motion.sensors import SensorFile, parse_sensors
 
 @dataclass(frozen=True, slots=True)
 class LearningSource:
-    """The input from which one model is learned. body_parts: those that the model reads."""
+    """The input from which one model is learned. name: of the sensor, "" for a single archive; placement: of the person
+    in the room of a camera file; body_parts: those that the model reads."""
 
+    name: str
+    placement: PersonPlacement | None
     archive: MotionArchive
     view: View
     background: MotionArchive | None
@@ -36,8 +39,12 @@ class LearningSource:
         return labels_of(self.archive)
 
 
-def sensors_to_learn(options: LearnOptions) -> list[SensorFile]:
-    """The sensors, the observers of the scene, or the archive as the only one; raises BadInput for another mixture."""
+def read_sources(options: LearnOptions) -> list[LearningSource]:
+    """Read the archives of each sensor, each observer of the scene, or the archive; raises BadInput for a mixture."""
+    return [_read_source(sensor, options) for sensor in _sensors_to_learn(options)]
+
+
+def _sensors_to_learn(options: LearnOptions) -> list[SensorFile]:
     placement = placement_of(parse_place(options.place), options.facing)
     if options.observers and not options.scene:
         raise BadInput("--observers: of which scene? name it with --scene")
@@ -79,8 +86,7 @@ def _of_observer(scene: Scene, name: str, archive: Path) -> SensorFile:
     return SensorFile(name, archive, str(scene.place(view)), placement_of(person.place, person.facing))
 
 
-def read_source(sensor: SensorFile, options: LearnOptions) -> LearningSource:
-    """Read the archives of one sensor."""
+def _read_source(sensor: SensorFile, options: LearnOptions) -> LearningSource:
     whole = select(read_archive(sensor.path), split_list("--subjects", options.subjects), options.rate)
     if not (sensor.name or sensor.view or whole.camera):
         raise BadInput(f"--view: needed, as in: labanmesh learn {sensor.path} --view door -o cam1.model")
@@ -94,7 +100,7 @@ def read_source(sensor: SensorFile, options: LearnOptions) -> LearningSource:
     view = sensor.view_in(whole)
     if sensor.placement and not view.has_place:
         raise BadInput(f"--place, --facing: for camera files only, and {view.name} is none; write --view yaw:DEG")
-    return LearningSource(whole, view, learned_too, provenance, parts)
+    return LearningSource(sensor.name, sensor.placement, whole, view, learned_too, provenance, parts)
 
 
 def _read_background(
