@@ -1,8 +1,4 @@
-"""One observer's newest posterior: what is known of it, and how it fades with its age. Pure.
-
-freshness: the exponent k of p <- (p/prior)^k prior, 1 (unchanged) to 0 (the prior), as in common/probability.py:temper;
-fusion.md, "The roster", 3.
-"""
+"""One observer's newest posterior, and how it fades with its age (fusion.md, "The roster"). Pure."""
 
 import math
 from collections import Counter, deque
@@ -30,14 +26,13 @@ SESSIONS_LIMIT = 64
 """Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
 """Reasons for which a correct message is not used."""
-NO_FACETS: Mapping[str, Sequence[float]] = {}
 IGNORED_SKEW_NS = 5_000_000
 """5 ms: a smaller skew is not corrected. It is less than a frame, and measurements over a network are no more exact."""
 
 
 @dataclass(slots=True)
 class ObserverClock:
-    """When the newest frame of a posterior was captured, by our own clock (fusion.md, "The roster", 7).
+    """When the newest frame of a posterior was captured, by our own clock (rule 7).
 
     correction_ns: what is subtracted from the observer's stamps. session, seq, sent_ns: of the last message that was
     used. doubtful: the clock stood still or was set back since it was read; messages count as sent on arrival.
@@ -87,8 +82,9 @@ class AgedPosterior:
     Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). reliability:
-    the trust in its labels and its course (trust.py). freshness: k of the fading, 0 to 1. answers: `answers_of` it, if
-    known. score: as published, or why there is none, by our clock. None, or no facets: it does not publish them.
+    the trust in its labels and its course (trust.py). freshness: k of the fading (rule 3), 1 (unchanged) to 0 (the
+    prior). answers: `answers_of` it, if known. score: as published, or why there is none, by our clock. None, or no
+    facets: it does not publish them.
     """
 
     observer: str
@@ -107,13 +103,16 @@ class AgedPosterior:
     repeated: Repeated | None = None
     score: ObservedScore | Unscored | None = None
 
+    def captured_ns(self, now_ns: int) -> int:
+        """When its newest frame was captured; not after `now_ns`."""
+        return now_ns - round(max(self.age_s or 0.0, 0.0) * SECOND_NS)
+
     @property
     def information(self) -> float:
         """Information about the movement, not faded: 0 if it is uniform, or of something else; 1 if it is sure."""
-        p, unlearned, freshness = self.p, self.unlearned, self.freshness
-        if 0.0 < freshness < 1.0:
-            p = temper(self.p, uniform(len(p)), 1.0 / freshness)
-            unlearned = None if unlearned is None else faded_unlearned(self.p, unlearned, 1.0 / freshness)
+        p, unlearned = self.p, self.unlearned
+        if 0.0 < self.freshness < 1.0:
+            p, unlearned = _tempered(p, unlearned, 1.0 / self.freshness)
         certainty = math.log(max(len(p) * max(p.tolist()), 1.0)) / math.log(len(p)) if len(p) > 1 else 0.0
         return certainty * (1.0 - (unlearned or 0.0))
 
@@ -187,28 +186,27 @@ def answers_of(p: Floats, unlearned: float | None) -> Floats:
     return answers
 
 
-def faded(posterior: AgedPosterior, prior: Floats) -> AgedPosterior:
+def _tempered(p: Floats, unlearned: float | None, exponent: float) -> tuple[Floats, float | None]:
+    """`p` and `unlearned` after all answers have been tempered; the prior of a scene is uniform."""
+    if unlearned is not None:
+        answers = answers_of(p, unlearned)
+        unlearned = temper(answers, uniform(len(answers)), exponent).item(-1)
+    return temper(p, uniform(len(p)), exponent), unlearned
+
+
+def faded(posterior: AgedPosterior) -> AgedPosterior:
     """The posterior faded by its `freshness`."""
-    freshness, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
-    facets = {name: np.array(facet) for name, facet in posterior.facets.items()}
-    return replace(
-        posterior,
-        p=temper(posterior.p, prior, freshness),
-        answers=None,
-        state="stale",
-        unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, freshness),
+    freshness, surprise = posterior.freshness, posterior.surprise
+    p, unlearned = _tempered(posterior.p, posterior.unlearned, freshness)
+    if surprise is not None:
         # Encoded again, so that the vote carries it as it was pooled.
-        surprise=None if surprise is None else encode_facing(normalise(decode_facing(surprise) ** freshness)),
-        facets={name: temper(p, uniform(len(p)), freshness).tolist() for name, p in facets.items()},
-    )
+        surprise = encode_facing(normalise(decode_facing(surprise) ** freshness))
+    facets = {name: temper(np.array(p), uniform(len(p)), freshness).tolist() for name, p in posterior.facets.items()}
+    return replace(
+        posterior, p=p, answers=None, state="stale", unlearned=unlearned, surprise=surprise, facets=facets,
+    )  # fmt: skip
 
 
 def freshness_after(seconds: float, constant_s: float) -> float:
     """The freshness after fading for so long with this time constant; 1 before the fading begins."""
     return 1.0 if seconds <= 0.0 else math.exp(-seconds / constant_s)
-
-
-def faded_unlearned(p: Floats, unlearned: float, freshness: float) -> float:
-    """`unlearned` after the posterior over all M+1 answers has faded; p (M,)."""
-    answers = answers_of(p, unlearned)
-    return float(temper(answers, uniform(len(answers)), freshness)[-1])

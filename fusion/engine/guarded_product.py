@@ -9,11 +9,13 @@ and a few numbers, as the probabilities of the hypotheses, are plain Python. Tes
 """
 
 import math
-from dataclasses import dataclass
+import sys
 from functools import cache, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
+from common.message_types import LABELS_LIMIT
 from common.probability import SMALLEST, Floats
 from fusion.engine.trust import odds_of_fault
 from fusion.engine.weighing import PoolingWeights, RuleResult, Trust
@@ -36,8 +38,8 @@ CERTAIN_MASS = 0.03
 """Two observers are certain if their mean posterior leaves less than this to all labels but one."""
 LEAST_SIZE = np.array(1e-12)
 """Nats; a posterior whose log ratios to the prior add up to less carries no information."""
-MOST_FINITE = 16
-"""The product of the likelihoods of more observers may overflow."""
+MOST_FINITE = int(math.log(sys.float_info.max) / math.log(LABELS_LIMIT))
+"""The product of more likelihood ratios, each at most LABELS_LIMIT, may overflow."""
 NATS_TO_BITS = 1.0 / math.log(2.0)
 ZERO, ONE, D0_SQUARED, TINY, EXPONENT = map(np.array, (0.0, 1.0, PARTICIPATION_BITS**2, SMALLEST, GAMMA - 1.0))
 TO_EXPONENT = -2.0 / SIMILARITY_SCALE
@@ -52,8 +54,7 @@ def guarded_product(p: Floats, prior: Floats, trust: Trust = None, /) -> RuleRes
     mass = np.exp(logs if p.shape[-2] <= MOST_FINITE else logs - logs.max(axis=-1, keepdims=True))
     # Each hypothesis is normalised by its factor in the average, not by itself.
     total = _times(mass, prior)
-    pooled = _average(hypotheses / total, mass) * prior
-    return RuleResult(pooled, shares, hypotheses, mass[..., -1] * prior[-1] / total)
+    return RuleResult(_average(hypotheses / total, mass) * prior, shares, hypotheses, mass)
 
 
 def guarded_weights(p: Floats, prior: Floats, trust: Trust) -> PoolingWeights:
@@ -82,10 +83,10 @@ def _weigh(p: Floats, prior: Floats, trust: Trust) -> tuple[Floats, Floats, Floa
 
 def _correlations(p: Floats, logs: Floats, fixed: "_Fixed") -> Floats:
     """(..., N, N) rho: 1 for equal posteriors, near 0 for independent ones. logs: of p~/prior."""
-    sizes = np.abs(logs) @ fixed.ones + LEAST_SIZE
+    sizes = np.dot(np.abs(logs), fixed.ones) + LEAST_SIZE
     differences = logs[..., :, None, :] - logs[..., None, :, :]
     # The least one: two observers at the prior are not correlated.
-    exponents = np.abs(differences, out=differences) @ fixed.to_exponent + LEAST_EXPONENT
+    exponents = np.dot(np.abs(differences, out=differences), fixed.to_exponent) + LEAST_EXPONENT
     rho: Floats = np.exp(exponents / (sizes[..., :, None] + sizes[..., None, :]))
     for scene, own in ((p, rho),) if p.ndim == 2 else zip(p, rho, strict=True):
         _discount_certainty(scene, own)
@@ -155,8 +156,7 @@ def _average(a: Floats, b: Floats) -> Floats:
     return result
 
 
-@dataclass(frozen=True, slots=True)
-class _Fixed:
+class _Fixed(NamedTuple):
     """Arrays that depend on the prior and on the number of observers alone.
 
     scale, offset (N, M): p times scale plus offset is p~/prior = (1-eps) p/prior + eps. to_bits, ones, to_exponent

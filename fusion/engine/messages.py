@@ -1,15 +1,13 @@
 """Builds votes and judgements; verdicts.py builds verdicts of them. Pure.
 
-Validation would take longer than pooling, and a service makes hundreds of judgements a second. `unchecked` therefore
-builds them from values that are in range already: those of checked messages, and the engine's own, whose round-off is
-clamped here (`_in_range`, `_entropies`). Tests validate what is made.
+Validation would take longer than pooling. `unchecked` therefore builds them from values that are in range already:
+those of checked messages, and the engine's own, whose round-off is clamped here. Tests validate what is made.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -47,8 +45,8 @@ class Ballot:
     """The votes, the pooled posterior, and how many votes agree with its likeliest label.
 
     entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
-    contested: whether one of three or more observers votes for another label. Of two it would show nothing: the rule
-    doubts neither (guarded_product.py, 1). One that finds something else likelier may see too little of the person.
+    contested: whether one of three or more that the others do not contradict votes for another label. Of two it would
+    show nothing: the rule doubts neither. One that finds something else likelier may see too little of the person.
     """
 
     votes: dict[str, Vote]
@@ -74,7 +72,7 @@ class JudgementBuilder:
         self._to_bits, self._most_bits = np.full(size, -NATS_TO_BITS), math.log2(size)
         reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._same = {"v": SCHEMA_VERSION, "scene": scene, "vocabulary": reference, "rule": rule, "person": person}
-        self._movement: MovementProgress | None = None
+        self._progress: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
         self._id_prefix = scene if person is None else f"{scene}-{person}"
 
@@ -82,7 +80,7 @@ class JudgementBuilder:
         self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, resting: Mapping[str, float]
     ) -> Ballot:
         """Every observer's vote, and the fused label. resting: trust in the rest probability, where some is lost."""
-        # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
+        # (N + 1, M): the pooled posterior is the last row.
         rows, names = pooled.rows, self._labels
         *p, pooled_p = rows.tolist()
         *entropies, entropy = self._entropies(rows)
@@ -90,21 +88,22 @@ class JudgementBuilder:
         roots, weights = roots_of(rows[:-1]).tolist(), pooled.weights.tolist()
         tables = [each.surprise.size for each in posteriors if each.surprise is not None]
         with_facing = pooled.facing is not None and sum(tables) <= FACING_CELLS_LIMIT
-        votes, labels = {}, []
+        votes, labels, believed = {}, [], []
         for n, posterior in enumerate(posteriors):
-            label = None
+            label, name = None, posterior.observer
             if posterior.state in POOLED_STATES:
                 label = names[likeliest[n]] if _holds_label(posterior, p[n], likeliest[n]) else None
                 labels.append(label)
-            name = posterior.observer
+                if posterior.reliability >= CONTRADICTED:
+                    believed.append(label)
             votes[name] = _vote(
                 posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, resting.get(name),
             )  # fmt: skip
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
+        contested = len(labels) > 2 and any(label not in (None, fused) for label in believed)
         agreement = _agreement(labels.count(fused), len(labels))
-        contested = 2 < agreement.n > agreement.k and any(map(_contests, posteriors, votes.values(), repeat(fused)))
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement, contested)
 
     def _entropies(self, rows: Floats) -> list[float]:
@@ -126,7 +125,11 @@ class JudgementBuilder:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
         if pooled.facing is not None:
             facets = {**facets, FACING: _in_range(pooled.facing.tolist())}
-        movement, decision = self._in_progress(progress), None if progress is None else progress.decision
+        if progress is not self._progress:
+            # Built once, because it changes seldom.
+            self._progress = progress
+            self._ongoing = None if progress is None else _ongoing(progress, self.verdict_id(progress.began_ns))
+        movement, decision = self._ongoing, None if progress is None else progress.decision
         fields = {
             **self._same,
             **stamp,
@@ -149,31 +152,16 @@ class JudgementBuilder:
         """The id of the movement that began then, in all messages about it."""
         return f"{self._id_prefix}-{began_ns // MS_NS}"
 
-    def _in_progress(self, movement: MovementProgress | None) -> OngoingMovement | None:
-        """As judgements carry it; built once, because it changes seldom."""
-        if movement is not self._movement:
-            self._movement = movement
-            self._ongoing = None if movement is None else _ongoing(movement, self.verdict_id(movement.began_ns))
-        return self._ongoing
-
 
 def _holds_label(posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
-    """Whether the posterior `p` differs from the prior, and "something else" is no likelier than a label."""
-    # The prior of a scene is uniform.
-    top, unlearned, prior = p[likeliest], posterior.unlearned, 1.0 / len(p)
-    if unlearned and unlearned > top * (1.0 - unlearned):
-        return False
-    return top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
-
-
-def _contests(posterior: AgedPosterior, vote: Vote, fused: str) -> bool:
-    """Whether an observer that the others do not contradict votes for another label than `fused`."""
-    return vote.label not in (None, fused) and posterior.reliability >= CONTRADICTED
+    """Whether the posterior `p` differs from the prior, which is uniform, and "something else" is no likelier."""
+    top, unlearned, prior = p[likeliest], posterior.unlearned or 0.0, 1.0 / len(p)
+    is_different = top - prior > LABEL_MARGIN or prior - min(p) > LABEL_MARGIN
+    return is_different and unlearned <= top * (1.0 - unlearned)
 
 
 @cache
 def _agreement(k: int, n: int) -> Agreement:
-    """There are few, and nothing changes one."""
     return unchecked(Agreement, {"k": k, "n": n})
 
 

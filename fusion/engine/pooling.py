@@ -3,8 +3,8 @@
 The design, with the numbers that the code names: fusion.md, "More than movements". Rest is pooled in rest.py.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -65,17 +65,10 @@ class PoolingCase:
 
 def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     """Pool the posteriors of at least one observer (1, 2, 4)."""
-    has_unlearned, trust, rows = case.has_unlearned, observer_trust(case.posteriors), _rows(case)
-    answers, prior = _answers(case, rows, has_unlearned), _prior(case, has_unlearned)
-    pooled, facing = case.rule.pool(answers, prior, trust), _facing(case.posteriors, len(prior))
-    if facing is None:
-        return _result(case, rows, pooled)
-    joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, trust)
-    pooled_answers = joint.p.sum(axis=1)
-    # The divisor keeps an answer of probability 0 from giving a NaN.
-    facing_given_answer = joint.p / np.where(pooled_answers > 0, pooled_answers, 1.0)[:, None]
-    pooled = replace(pooled, p=pooled_answers, weights=joint.weights)
-    return _result(case, rows, pooled, facing_given_answer)
+    has_unlearned, rows = case.has_unlearned, _rows(case)
+    answers = _answers(case, rows, has_unlearned)
+    pooled = case.rule.pool(answers, _prior(case, has_unlearned), observer_trust(case.posteriors))
+    return _result(case, rows, pooled, answers)
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
@@ -84,36 +77,37 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
         return [pool_posteriors(cases[0])]
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
-        has_facing = any(posterior.surprise is not None for posterior in case.posteriors)
-        sizes = len(case.posteriors), len(case.prior)
-        kind = (case.rule.name, *sizes, case.temperature, case.has_unlearned)
-        batches.setdefault(n if has_facing or case.rule.pool_movements is None else kind, []).append(n)
+        kind = (case.rule.name, len(case.posteriors), len(case.prior), case.has_unlearned)
+        batches.setdefault(kind, []).append(n)
     pooled = dict[int, PooledPosterior]()
     for places in batches.values():
-        batch = [cases[n] for n in places]
-        results = _pool_batch(batch) if len(batch) > 1 else map(pool_posteriors, batch)
-        pooled.update(zip(places, results, strict=True))
+        pooled.update(zip(places, _pool_batch([cases[n] for n in places]), strict=True))
     return [pooled[n] for n in range(len(cases))]
 
 
-def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
-    """Cases with equal rule, number of observers, prior and temperature, with `unlearned` in all of them or in none."""
-    first = cases[0]
-    has_unlearned, prior = first.has_unlearned, _prior(first, first.has_unlearned)
-    rows = [_rows(case) for case in cases]
-    answers = np.array([_answers(case, case_rows, has_unlearned) for case, case_rows in zip(cases, rows, strict=True)])
-    trust = _stacked([observer_trust(case.posteriors) for case in cases])
-    pooled = first.rule.pool(answers, prior, trust)
-    for n, (case, case_rows) in enumerate(zip(cases, rows, strict=True)):
-        hypotheses = None if pooled.hypotheses is None else pooled.hypotheses[n]
-        last = None if pooled.last is None else pooled.last[n]
-        yield _result(case, case_rows, RuleResult(pooled.p[n], pooled.weights[n], hypotheses, last))
+def _pool_batch(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
+    """Cases with equal rule, number of observers and prior, with `unlearned` in all of them or in none."""
+    has_unlearned = cases[0].has_unlearned
+    prior, rows = _prior(cases[0], has_unlearned), [_rows(case) for case in cases]
+    answers = [_answers(case, own, has_unlearned) for case, own in zip(cases, rows, strict=True)]
+    pools = _pool_each(cases[0].rule, answers, prior, [case.posteriors for case in cases])
+    return [
+        _result(case, own_rows, pooled, own_answers)
+        for case, own_rows, pooled, own_answers in zip(cases, rows, pools, answers, strict=True)
+    ]
 
 
-def _stacked(trusts: Sequence[Trust]) -> Trust:
-    """The trust in the observers of several scenes with as many observers each, (S, N)."""
-    known = [trust for trust in trusts if trust is not None]
-    return np.array([np.ones_like(known[0]) if trust is None else trust for trust in trusts]) if known else None
+def _pool_each(
+    rule: Rule, p: Sequence[Floats], prior: Floats, posteriors: Sequence[Sequence[AgedPosterior]]
+) -> list[RuleResult]:
+    """Pool each p (N, M), which `posteriors` publish; together, if the rule can."""
+    trusts = [observer_trust(each) for each in posteriors]
+    if len(p) == 1 or rule.pool_movements is None:
+        return [rule.pool(own, prior, trust) for own, trust in zip(p, trusts, strict=True)]
+    known = np.array([np.ones(len(p[0])) if trust is None else trust for trust in trusts])
+    pooled = rule.pool(np.array(p), prior, known if known.min() < 1.0 else None)
+    more = ([None] * len(p) if each is None else each for each in (pooled.hypotheses, pooled.likelihoods))
+    return list(map(RuleResult, pooled.p, pooled.weights, *more))
 
 
 def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: Trust = None) -> RuleResult:
@@ -135,30 +129,21 @@ def pool_steps(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
 def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
     """Every facet that some observer publishes, by name, of each case (3); facets of equal shape together."""
     results: list[dict[str, Floats]] = [{} for _ in cases]
-    batches: dict[tuple[Rule, int, int], list[tuple[dict[str, Floats], str, Sequence[Sequence[float]], Trust]]] = {}
+    batches: dict[tuple[Rule, int, int], list[tuple[dict[str, Floats], str, Sequence[AgedPosterior]]]] = {}
     for case, pooled in zip(cases, results, strict=True):
         names = {name for posterior in case.posteriors for name in posterior.facets if name != FACING}
-        trust = observer_trust(case.posteriors)
         # A limit for all observers together, so that invented names cost no time.
         for name in sorted(names)[:FACETS_LIMIT]:
-            sizes = [len(posterior.facets.get(name, ())) for posterior in case.posteriors]
-            size = _most_common([own for own in sizes if own])
-            places = [n for n, own in enumerate(sizes) if own == size]
-            rows = [case.posteriors[n].facets[name] for n in places]
+            size = _most_common([len(each.facets[name]) for each in case.posteriors if name in each.facets])
+            publishing = [each for each in case.posteriors if len(each.facets.get(name, ())) == size]
             if size > 1:
-                facet = pooled, name, rows, None if trust is None else trust[places]
-                batches.setdefault((case.rule, size, len(places)), []).append(facet)
+                batches.setdefault((case.rule, size, len(publishing)), []).append((pooled, name, publishing))
     for (rule, size, _), facets in batches.items():
         # (F, N, V): each sum was checked on arrival to be nearly 1.
-        all_rows = np.array([rows for _, _, rows, _ in facets])
-        all_rows /= all_rows.sum(axis=-1, keepdims=True)
-        trusts, prior = [trust for *_, trust in facets], uniform(size)
-        if rule.pool_movements is None or len(facets) == 1:
-            posteriors = [rule.pool(own, prior, trust).p for own, trust in zip(all_rows, trusts, strict=True)]
-        else:
-            posteriors = list(rule.pool(all_rows, prior, _stacked(trusts)).p)
-        for (pooled, name, *_), p in zip(facets, posteriors, strict=True):
-            pooled[name] = p
+        rows = np.array([[each.facets[name] for each in publishing] for _, name, publishing in facets])
+        pools = _pool_each(rule, rows / rows.sum(axis=-1, keepdims=True), uniform(size), [own for *_, own in facets])
+        for (pooled, name, _), result in zip(facets, pools, strict=True):
+            pooled[name] = result.p
     return [dict(sorted(pooled.items())) for pooled in results]
 
 
@@ -186,20 +171,14 @@ def facing_deg(facing: Floats) -> float:
 
 def _rows(case: PoolingCase) -> Floats:
     """(N + 1, M) the posteriors, and room for the pooled one."""
-    observers, size = len(case.posteriors), len(case.prior)
-    rows = np.empty((observers + 1, size))
-    np.concatenate([posterior.p for posterior in case.posteriors], out=rows.reshape(-1)[: observers * size])
-    return rows
+    return np.concatenate([*[each.p for each in case.posteriors], case.prior]).reshape(-1, len(case.prior))
 
 
 def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:
     """(N, M), or (N, M+1) with "something else" last (1)."""
     if not has_unlearned:
         return rows[:-1]
-    answers = [
-        answers_of(posterior.p, posterior.unlearned) if posterior.answers is None else posterior.answers
-        for posterior in case.posteriors
-    ]
+    answers = [answers_of(each.p, each.unlearned) if each.answers is None else each.answers for each in case.posteriors]
     return np.concatenate(answers).reshape(len(answers), -1)
 
 
@@ -208,28 +187,37 @@ def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:
     return _uniform(len(case.prior) + 1) if has_unlearned else case.prior
 
 
-def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
-    """(N, R, K) P(k | answer), uniform where it is not published; None if no observer publishes it."""
-    tables = [posterior.surprise for posterior in posteriors if posterior.surprise is not None]
+def _joint(case: PoolingCase, answers: Floats) -> tuple[RuleResult, Floats] | None:
+    """The answers (N, R) pooled together with the facing, and (R, K) P(k | answer); None if nobody publishes it (2).
+
+    Facing is uniform where it is not published.
+    """
+    tables = [each.surprise for each in case.posteriors if each.surprise is not None]
     if not tables:
         return None
     size = _most_common([table.shape[1] for table in tables])
-    facing = np.full((len(posteriors), answers, size), 1.0 / size)
-    for n, posterior in enumerate(posteriors):
-        table = posterior.surprise
+    facing = np.full((*answers.shape, size), 1.0 / size)
+    for own, table in zip(facing, [each.surprise for each in case.posteriors], strict=True):
         if table is not None and table.shape[1] == size:
-            facing[n, : len(table)] = decode_facing(table)
-    return facing
+            own[: len(table)] = decode_facing(table)
+    prior = _prior(case, answers.shape[1] > len(case.prior))
+    joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, observer_trust(case.posteriors))
+    p = joint.p.sum(axis=1)
+    # The divisor keeps an answer of probability 0 from giving a NaN.
+    return RuleResult(p, joint.weights), joint.p / np.where(p > 0, p, 1.0)[:, None]
 
 
-def _result(
-    case: PoolingCase, rows: Floats, pooled: RuleResult, facing_given_answer: Floats | None = None
-) -> PooledPosterior:
-    """The pooled answers as movements and "something else"; the movements become the last of the rows."""
-    answers, weights, has_unlearned = pooled.p, pooled.weights, len(pooled.p) > len(case.prior)
+def _result(case: PoolingCase, rows: Floats, pooled: RuleResult, own: Floats) -> PooledPosterior:
+    """The pooled answers as movements and "something else"; the movements become the last of the rows.
+
+    own: the answers of each observer.
+    """
+    joint = _joint(case, own)
+    answers, weights = (pooled.p, pooled.weights) if joint is None else (joint[0].p, joint[0].weights)
+    has_unlearned = len(answers) > len(case.prior)
     if case.temperature != 1.0:
         answers = temper(answers, _prior(case, has_unlearned), 1.0 / case.temperature)
-    facing = None if facing_given_answer is None else answers @ facing_given_answer
+    facing = None if joint is None else answers @ joint[1]
     if not has_unlearned:
         rows[-1] = answers
         return PooledPosterior(answers, weights, None, facing, rows)
@@ -245,11 +233,13 @@ def _result(
 
 def _without_unproven(case: PoolingCase, pooled: RuleResult) -> list[float]:
     """1, and of three and more participants "something else" without each that is not proven (1)."""
-    proven = case.proven
-    if proven is None or pooled.hypotheses is None or pooled.last is None:
+    proven, hypotheses, likelihoods = case.proven, pooled.hypotheses, pooled.likelihoods
+    if proven is None or hypotheses is None or likelihoods is None:
         return [1.0]
-    without = zip(case.posteriors, pooled.hypotheses[1:].tolist(), pooled.last[1:].tolist(), strict=False)
-    return [1.0, *[last for each, doubt, last in without if doubt > 0.0 and not proven(each.observer)]]
+    doubted = [n for n in range(1, len(hypotheses)) if hypotheses.item(n) > 0.0]
+    unproven = [likelihoods[n] for n in doubted if not proven(case.posteriors[n - 1].observer)]
+    # The prior of all answers is uniform.
+    return [1.0, *[own.item(-1) / float(np.add.reduce(own)) for own in unproven]]
 
 
 _uniform = cache(uniform)

@@ -75,7 +75,7 @@ class _Voter:
         """Take its newest posterior."""
         last_ns, least = self.captured_ns, min(posterior.rest, self.rest)
         self.has_changed = (posterior.rest >= 0.5) != (self.rest >= 0.5)
-        self.captured_ns, self.rest = _captured_ns(posterior, now_ns), posterior.rest
+        self.captured_ns, self.rest = posterior.captured_ns(now_ns), posterior.rest
         if self.has_changed:
             idle_s = (self.captured_ns - self.changed_ns[-1]) / SECOND_NS if self.changed_ns else 0.0
             self.changes = self.changes * math.exp(-max(idle_s, 0.0) / CHANGES_S) + 1.0
@@ -143,7 +143,10 @@ class RestPool:
 
     def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
         """The trust in each posterior of this step, LEAST_TRUST to 1."""
-        sides = [posterior.rest >= 0.5 if _is_sighted(posterior) else None for posterior in posteriors]
+        sides = [
+            each.rest >= 0.5 if each.freshness >= SIGHTED and each.state in POOLED_STATES else None
+            for each in posteriors
+        ]
         elapsed_ns = now_ns - self._now_ns
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
             return self._trust
@@ -173,11 +176,12 @@ class RestPool:
             self.contested = both < 0.5 and min(voter.trust for voter in sighted) >= CONTRADICTED
 
     def _noted(self, posterior: AgedPosterior, now_ns: int) -> _Voter:
-        name = posterior.observer
-        if name not in self._voters:
-            self._voters[name] = _Voter(posterior.rest, posterior.information, _captured_ns(posterior, now_ns))
-        self._voters[name].note(posterior, now_ns)
-        return self._voters[name]
+        voter = self._voters.get(posterior.observer)
+        if voter is None:
+            voter = _Voter(posterior.rest, posterior.information, posterior.captured_ns(now_ns))
+            self._voters[posterior.observer] = voter
+        voter.note(posterior, now_ns)
+        return voter
 
     def _compare(self, voters: Sequence[_Voter]) -> None:
         """Compare what each says with what the others say since the last update."""
@@ -200,14 +204,6 @@ def _apart(one: _Voter, two: _Voter) -> tuple[float, float]:
     first, second = one.honest * (1.0 - two.honest) * factor, two.honest * (1.0 - one.honest) / factor
     total = both + none + first + second
     return (both + first) / total, (both + second) / total
-
-
-def _captured_ns(posterior: AgedPosterior, now_ns: int) -> int:
-    return now_ns - round(max(posterior.age_s or 0.0, 0.0) * SECOND_NS)
-
-
-def _is_sighted(posterior: AgedPosterior) -> bool:
-    return posterior.state in POOLED_STATES and posterior.freshness >= SIGHTED
 
 
 def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | None = None) -> float:

@@ -1,13 +1,12 @@
-"""The roster: the newest posterior of each observer of a scene, faded to its age. Pure: time is passed in.
+"""The roster: the newest posterior of each observer of a scene, faded to its age (fusion.md, "The roster"). Pure.
 
-The rules: fusion.md, "The roster". A posterior that is dated further than `drop_s` from now, as after a clock was set
-back, or from a capture that is played again, blocks no other, nor replaces a newer one.
+A posterior that is dated further than `drop_s` from now, as after a clock was set back, or from a capture that is
+played again, blocks no other, nor replaces a newer one.
 """
 
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -17,9 +16,9 @@ from common.config_sections import FusionConfig
 from common.messages import OngoingMovement, PosteriorMessage, VoteState
 from common.probability import Floats, array_of, entropy_bits, normalise, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.aged_posterior import NO_FACETS, RosterEntry, answers_of, faded, freshness_after
 from fusion.engine.aged_posterior import POOLED_STATES as POOLED_STATES
 from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
+from fusion.engine.aged_posterior import RosterEntry, answers_of, faded, freshness_after
 from fusion.engine.trust import (
     HONEST,
     LEAST_TRUST,
@@ -85,8 +84,7 @@ class Roster:
         if state is None:
             return "unknown_observer"
         state.published, captured_ns = (message.vocabulary.hash, now_ns), state.clock.captured_ns(message, now_ns)
-        reason = self._rejection(state, message, captured_ns, now_ns)
-        if reason is not None:
+        if (reason := self._rejection(state, message, captured_ns, now_ns)) is not None:
             state.count_rejected(reason)
             return reason
         state.clock.record_message(message)
@@ -103,9 +101,10 @@ class Roster:
             state.steady = after_message(state.steady, overlap_of(state.answers, answers), seconds)
         state.message, state.p, state.answers = message, p, answers
         state.captured_ns, state.received_ns = captured_ns, now_ns
-        state.rest = _relative_entropy(p) if message.rest is None else message.rest
+        # Of an observer that does not publish rest, its entropy over the largest.
+        state.rest = float(entropy_bits(p)) / math.log2(len(p)) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
-        state.facets = message.facets or NO_FACETS
+        state.facets = message.facets or {}
         scored = message.score or message.unscored
         state.score = scored and scored.shifted(captured_ns - message.captured_ns)
         state.gone, state.fault = False, None
@@ -124,8 +123,7 @@ class Roster:
         for state, message in used:
             # One that does not publish "something else" leaves nothing to it.
             p = state.p if message.unlearned is None else state.answers
-            overlap = (self._size + 1) * p.item(label)
-            state.stays = after_decision(state.stays, overlap, seconds)
+            state.stays = after_decision(state.stays, (self._size + 1) * p.item(label), seconds)
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not be read."""
@@ -150,10 +148,7 @@ class Roster:
         return digest if 2 * votes > counts.total() else None
 
     def posteriors(self, now_ns: int, resting: Mapping[str, float] | None = None) -> list[AgedPosterior]:
-        """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`.
-
-        resting: trust in what some say about rest.
-        """
+        """The posterior of every observer, in order, faded to its age; resting: trust in what some say about rest."""
         # P(honest) on the time channel of the upper median of those that are pooled: what most do is no fault.
         steady = sorted(
             state.steady
@@ -162,12 +157,10 @@ class Roster:
         )
         usual = steady[len(steady) // 2] if steady else HONEST
         result = [self._aged(observer, state, now_ns, usual) for observer, state in self._states.items()]
-        if not resting:
-            return result
-        for n, posterior in enumerate(result):
-            share = among_contradicted(resting.get(posterior.observer, 1.0))
-            if share < 1.0:
-                result[n] = replace(posterior, reliability=max(posterior.reliability * share, LEAST_TRUST))
+        if resting:
+            for each in result:
+                share = among_contradicted(resting.get(each.observer, 1.0))
+                each.reliability = max(each.reliability * share, LEAST_TRUST)
         return result
 
     def _rejection(self, state: RosterEntry, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
@@ -213,7 +206,7 @@ class Roster:
                     state.facets, trust, freshness, message.repetitions, state.answers,
                     message.repeated, state.score,
                 )  # fmt: skip
-                return fresh if freshness == 1.0 else faded(fresh, self.prior)
+                return fresh if freshness == 1.0 else faded(fresh)
         # It contributes the prior (rule 4).
         return AgedPosterior(
             observer, self.prior, rest, age_s, self._unused_state(state, now_ns), state.clock.skew_s,
@@ -222,8 +215,8 @@ class Roster:
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:
         publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
-        late = publishes and state.received_ns - state.captured_ns > self._drop_ns
-        return state.fault or ("late" if late else "silent")
+        is_late = publishes and state.received_ns - state.captured_ns > self._drop_ns
+        return state.fault or ("late" if is_late else "silent")
 
     def _over_our_prior(self, message: PosteriorMessage) -> Floats:
         """(M,) the posterior of `message` under the prior of the scene."""
@@ -234,8 +227,3 @@ class Roster:
         # Bayes: the likelihood of the frames is p over the observer's own prior; our prior replaces that.
         own_prior = np.maximum(np.array(message.prior), 1e-12)
         return normalise(p / own_prior * self.prior)
-
-
-def _relative_entropy(p: Floats) -> float:
-    """Entropy over its maximum: the rest of an observer that does not publish rest."""
-    return float(entropy_bits(p)) / math.log2(len(p))

@@ -25,14 +25,15 @@ Trust = Floats | None
 class RuleResult:
     """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none.
 
-    Of a rule that averages over hypotheses, none and then each observer being wrong: their probabilities (H,), and that
-    of the last answer under each, `last` (H,). Not frozen: that takes four times as long to make, in each step.
+    Of a rule that averages over hypotheses, none and then each observer being wrong: their probabilities (H,), and the
+    likelihood of each answer under each but for a factor, `likelihoods` (H, M). Not frozen: to make one takes four
+    times as long.
     """
 
     p: Floats
     weights: Floats
     hypotheses: Floats | None = None
-    last: Floats | None = None
+    likelihoods: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
