@@ -25,11 +25,9 @@ from fusion.engine.verdicts import (
     NearestMiss,
     VerdictBasis,
     build_verdict,
-    close_verdict,
     contributions,
     explain_undecided,
     progress_of,
-    why_waiting,
     with_score,
 )
 
@@ -196,7 +194,8 @@ class FusionEngine:
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:
         """`verdict` once more, as the end of its movement, which goes on under the id `same_as`, or is not followed."""
-        return close_verdict(verdict, ended_ns, same_as, self._stamp(now_ns))
+        fields = {"same_as": same_as, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)}
+        return verdict.model_copy(update={**self._stamp(now_ns), **fields})
 
     def _case(self, posteriors: Sequence[AgedPosterior], now_ns: int | None = None) -> PoolingCase:
         with_facets = now_ns is None or abs(now_ns - self._facets_ns) >= FACETS_NS
@@ -244,7 +243,9 @@ class FusionEngine:
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
         if is_nearer and self._segmenter.movement is not None:
             self._nearest = NearestMiss(began_ns, state.p, why)
-        return why_waiting(missing) if self._segmenter.waits and observers else why
+        if self._segmenter.waits and observers:
+            return f"waiting for {', '.join(missing)} to begin"[:WHY_LIMIT]
+        return why
 
     def _verdict(
         self, now_ns: int, decision: MovementDecision, bases: Mapping[int, VerdictBasis], stamp: Stamp

@@ -57,7 +57,7 @@ class _Voter:
     """One observer: its newest rest probability, and when it changed sides, newest last, by capture.
 
     information: of its posterior. before_ns: the frame before each change. changes: a decaying count. honest, course:
-    P(honest) by comparison with others, and by its own course. trust: the result.
+    P(honest) by comparison with others, and by its own course.
     """
 
     rest: float

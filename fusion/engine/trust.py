@@ -65,13 +65,8 @@ def observed(honest: float, nats: float, observations: float = 0.0) -> float:
 
 
 def log_odds_of(honest: float) -> float:
-    """Nats for honesty beside those at the start; what is written to files."""
+    """Nats for honesty beside those at the start, which `observed` with HONEST turns back; what is written to files."""
     return math.log(honest / (1.0 - honest)) - math.log(HONEST / FAULT)
-
-
-def honest_of(log_odds: float) -> float:
-    """The inverse of `log_odds_of`."""
-    return observed(HONEST, log_odds)
 
 
 def among_contradicted(trust: float) -> float:
@@ -95,8 +90,7 @@ def after_message(honest: float, overlap: float, seconds: float) -> float:
     A posterior is cumulative, and the next one follows from it. To agree with oneself is no merit, so that this shows
     no more than an answer of two.
     """
-    share = min(max(seconds, 0.0), 1.0)
-    nats = nats_of(overlap) if overlap < 1.0 else 0.0
+    share, nats = min(max(seconds, 0.0), 1.0), nats_of(overlap) if overlap < 1.0 else 0.0
     return observed(honest, nats + share * AGREES, share)
 
 
@@ -126,7 +120,7 @@ class Reliability:
 
     def honest(self, observer: str) -> float:
         """P(the labels of an observer are honest)."""
-        return honest_of(self.evidence.get(observer, 0.0))
+        return observed(HONEST, self.evidence.get(observer, 0.0))
 
     def proves(self, observer: str) -> bool:
         """Whether its labels have agreed with verdicts more than they have contradicted them."""
@@ -145,5 +139,4 @@ def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabu
         for name, p in votes.items():
             nats[name] = nats_of((size + 1) * p[label] * (1.0 - (verdict.votes[name].unlearned or 0.0)))
     log_odds = {n: round(log_odds_of(observed(reliability.honest(n), nats[n], 1.0)), 6) for n in sorted(nats)}
-    evidence = {name: own for name, own in log_odds.items() if abs(own) > LEAST_NATS}
-    return Reliability(verdict.id, evidence)
+    return Reliability(verdict.id, {name: own for name, own in log_odds.items() if abs(own) > LEAST_NATS})

@@ -9,16 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
 from common.config_sections import FusionConfig
 from common.message_types import ROUND_OFF
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.posterior import Unscored
 from common.probability import Floats
 from common.score import REMARK_LIMIT
-from fusion.engine.messages import Stamp
-from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
+from fusion.engine.aged_posterior import answers_of
+from fusion.engine.pooling import PoolingCase, pool_posteriors
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.segments import (
     NOTICED_NS,
@@ -34,10 +32,6 @@ LEAST_ODDS_P = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""
 NO_OBSERVERS = "waiting for observers"
 CONTESTED_REST = "two observers contradict each other on whether the person rests"
-SCORE_DIGITS = 2
-"""Of a score; a mean of scores of 10 stays 10."""
-NAMES_LIMIT = 3
-"""Awaited observers that are listed by name."""
 DECIDED = ("label", "began_ns", "decided_ns", "ended_ns", "stage", "revises")
 """What a verdict has from its decision."""
 
@@ -74,12 +68,6 @@ def build_verdict(basis: JudgementMessage, decision: MovementDecision, fields: M
     return VerdictMessage.model_validate({**kept, "movement": None, **decided, **fields})
 
 
-def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, stamp: Stamp) -> VerdictMessage:
-    """`verdict` once more, as the end of its movement."""
-    fields = {"same_as": same_as, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)}
-    return verdict.model_copy(update={**stamp, **fields})
-
-
 def progress_of(movement: OngoingMovement | VerdictMessage, message: JudgementMessage) -> MovementProgress:
     """The movement in progress that a message carries, or a verdict is."""
     if movement.label is None or movement.decided_ns is None:
@@ -99,20 +87,17 @@ def contributions(case: PoolingCase, label: int | None) -> dict[str, Contributio
     """
     pooled = pool_posteriors(case).answers
     answer = int(pooled.argmax()) if label is None else label
-    log_odds = _log_odds(pooled, answer)
-    used = [n for n, posterior in enumerate(case.posteriors) if posterior.state in POOLED_STATES]
-    if len(case.posteriors) > 1:
-        cases = [replace(case, posteriors=[*case.posteriors[:n], *case.posteriors[n + 1 :]]) for n in used]
-        without_each = [pool.answers for pool in pool_many(cases)]
-    else:
-        without_each = [case.prior] * len(used)
-    result = {}
-    for n, answers in zip(used, without_each, strict=True):
+    log_odds, result = _log_odds(pooled, answer), {}
+    for own in case.posteriors:
+        if own.state not in POOLED_STATES:
+            continue
+        others = [each for each in case.posteriors if each is not own]
+        answers = pool_posteriors(replace(case, posteriors=others)).answers if others else case.prior
         if len(answers) < len(pooled):
             # Only this observer publishes `unlearned`: without it, something else is as likely as any movement.
-            answers = np.append(answers * (1 - 1 / len(pooled)), 1 / len(pooled))
+            answers = answers_of(answers, None)
         without = _log_odds(answers, answer)
-        result[case.posteriors[n].observer] = Contribution(nats=log_odds - without, stands=without > 0)
+        result[own.observer] = Contribution(nats=log_odds - without, stands=without > 0)
     return result
 
 
@@ -148,12 +133,6 @@ def explain_undecided(
     return "; ".join(lacks)[:WHY_LIMIT] or None
 
 
-def why_waiting(missing: Sequence[str]) -> str:
-    """Which observers of the roster have not begun."""
-    more = len(missing) - NAMES_LIMIT
-    return f"waiting for {', '.join(missing[:NAMES_LIMIT])}{f' and {more} more' if more > 0 else ''} to begin"
-
-
 def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:
     if observers < quorum:
         return f"{observers} of {quorum} observers needed {'is' if observers == 1 else 'are'} counted"
@@ -164,7 +143,7 @@ def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:
 
 
 def _duration(label: str, held_s: float, moved_s: float, hold_s: float) -> str:
-    """The label has not held for long enough, or the whole movement has not lasted for long enough; "" if both have."""
+    """Whether label or movement has not lasted for long enough; "" if both have."""
     if held_s < hold_s:
         return f"{label} for {_seconds(held_s)} of {hold_s:g} s"
     return f"moving for {_seconds(moved_s)} of {hold_s:g} s" if moved_s < hold_s else ""
@@ -181,10 +160,9 @@ def _seconds(seconds: float) -> str:
 
 def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> VerdictMessage:
     """The verdict with the pooled score of its movement, if it has ended and an observer has scored it as its label, or
-    with the reason that most of them have why it is not scored.
+    with the most common reason why it is not scored.
 
-    A score of what ended before this movement began, or well before it ended, is of an earlier one or of a part of it,
-    and not used (docs/design/score.md).
+    A score of what ended before this movement began, or well before it ended, is of another one (docs/design/score.md).
     """
     if verdict.ended_ns is None:
         return verdict
@@ -201,8 +179,9 @@ def with_score(verdict: VerdictMessage, posteriors: Iterable[AgedPosterior]) -> 
     score = pooled_score({n: JudgedScore(own.score, own.certainty, trust) for n, (own, trust) in judged.items()})
     remarks = pooled_remarks([own.remarks for own, _ in judged.values()])
     fields = {
-        "score": None if score is None else round(score, SCORE_DIGITS),
-        "scores": {name: round(own.score, SCORE_DIGITS) for name, (own, _) in judged.items()},
+        # In hundredths, so that a mean of scores of 10 stays 10.
+        "score": None if score is None else round(score, 2),
+        "scores": {name: round(own.score, 2) for name, (own, _) in judged.items()},
         "remarks": [remark.words[:REMARK_LIMIT] for remark in remarks] or None,
     }
     return verdict.model_copy(update=fields)

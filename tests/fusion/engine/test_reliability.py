@@ -20,7 +20,6 @@ from fusion.engine.trust import (
     MEMORY,
     Reliability,
     after_message,
-    honest_of,
     learn_from_verdict,
     log_odds_of,
     nats_of,
@@ -213,4 +212,6 @@ def test_the_filter_is_bayes_rule_over_both_states(observations):
         belief = belief @ transition * np.array([(1 - BLUR) * overlap + BLUR, 1.0])
         belief /= belief.sum()
         honest = observed(honest, nats_of(overlap), passed)
-    assert honest == pytest.approx(belief[0], abs=1e-9) and honest_of(log_odds_of(honest)) == pytest.approx(honest)
+    assert honest == pytest.approx(belief[0], abs=1e-9) and observed(HONEST, log_odds_of(honest)) == pytest.approx(
+        honest
+    )
