@@ -41,11 +41,32 @@ def sure_at_rest(steps, label="bow", agreeing=2):
     return rest(steps, label, 0.9, agreeing)
 
 
+def else_steps(steps):
+    return [("bow", 0.05, 0, 0.1, 0.95)] * steps
+
+
+def state_of(step, part, **fields):
+    label, p, agreeing, rest_p, *unlearned = part
+    return PooledState(step * STEP_NS, label, p, agreeing, rest_p, *unlearned, **fields)
+
+
+def play(parts, segmenter=None, first=0, gap=(0, 0)):
+    """The decisions on these parts, from step `first` on. gap: from this step on so many steps later."""
+    segmenter = segmenter or Segmenter(CONFIG, NAMES)
+    steps = (first + n + (gap[1] if n >= gap[0] else 0) for n in range(len(parts)))
+    return [d for step, part in zip(steps, parts, strict=False) for d in segmenter.update(state_of(step, part))]
+
+
+def in_steps(decisions):
+    """Stage, label, begin, end, in steps, of each."""
+    return [(d.stage, d.label, d.began_ns // STEP_NS, d.ended_ns and d.ended_ns // STEP_NS) for d in decisions]
+
+
 def decisions(*parts, config=CONFIG):
     """Step of the decision -> (label, began, decided, ended), in steps; a revision's label is "revised>label"."""
     segmenter, result = Segmenter(config, NAMES), {}
-    for step, (label, p, agreeing, rest_p) in enumerate(chain(*parts)):
-        for decision in segmenter.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p)):
+    for step, part in enumerate(chain(*parts)):
+        for decision in segmenter.update(state_of(step, part)):
             assert step not in result, "two decisions in one step"
             times = (decision.began_ns, decision.decided_ns, decision.ended_ns)
             name = decision.label if decision.revises is None else f"{decision.revises}>{decision.label}"
@@ -59,33 +80,24 @@ def decisions(*parts, config=CONFIG):
 def test_2_where_an_observer_votes_for_another_label_it_is_held_for_longer(contested, decided):
     """0.15 s are three steps, 0.3 s six more; what counts is whether it is contested when it would be decided."""
     segmenter = Segmenter(CONFIG, NAMES)
-    steps = [
-        segmenter.update(PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1, contested=contested[0] <= n < contested[1]))
-        for n in range(20)
-    ]
+    states = [state_of(n, part, contested=contested[0] <= n < contested[1]) for n, part in enumerate(sure(20))]
+    steps = list(map(segmenter.update, states))
     assert [n for n, published in enumerate(steps) if published] == [decided]
 
 
 def test_2_but_not_beyond_the_movement():
     segmenter = Segmenter(CONFIG, NAMES)
-    rests = [0.1] * 4 + [0.9] * 4
-    steps = [
-        segmenter.update(PooledState(n * STEP_NS, "bow", 0.9, 2, rest_p, contested=True))
-        for n, rest_p in enumerate(rests)
-    ]
+    steps = [segmenter.update(state_of(n, part, contested=True)) for n, part in enumerate(sure(4) + sure_at_rest(4))]
     assert [(n, each.label) for n, published in enumerate(steps) for each in published][:1] == [(4, "bow")]
 
 
-@pytest.mark.parametrize("after", [("bow", 0.5, 0.1, 0.0), ("bow", 0.5, 0.9, 0.0), ("bow", 0.1, 0.1, 0.9)])
+@pytest.mark.parametrize("after", [("bow", 0.5, 2, 0.1), ("bow", 0.5, 2, 0.9), ("bow", 0.1, 2, 0.1, 0.9)])
 def test_2_a_label_that_was_only_contested_is_not_lost_when_it_fades(after):
     """It meets the demand for six steps; then the movement goes on without it, rests, or becomes something else."""
     segmenter, published = Segmenter(CONFIG, NAMES), []
-    for n in range(30):
-        label, p, rest_p, unlearned = ("bow", 0.9, 0.1, 0.0) if n < 6 else after if n < 16 else ("bow", 0.5, 0.9, 0.0)
-        state = PooledState(n * STEP_NS, label, p, 2, rest_p, unlearned, contested=n < 6)
-        published += [(n, each.label, each.stage) for each in segmenter.update(state)]
-    assert [(label, stage) for _, label, stage in published][-1] == ("bow", "ended")
-    assert {label for _, label, _ in published} == {"bow"}
+    for n, part in enumerate([*sure(6), *[after] * 10, *rest(14)]):
+        published += [(each.label, each.stage) for each in segmenter.update(state_of(n, part, contested=n < 6))]
+    assert published[-1] == ("bow", "ended") and {label for label, _ in published} == {"bow"}
 
 
 TWO_LABELS_IN_TURN = [*rest(1), *[*sure_at_rest(1), *sure_at_rest(1, "lunge")] * 9]
@@ -245,31 +257,10 @@ def test_6_a_movement_is_revised_a_few_times_at_most():
     ],
 )
 def test_6_something_else_that_is_no_rest_revokes_the_verdict(unlearned, steps, words):
-    segmenter = Segmenter(CONFIG.model_copy(update={"hold_s": 0.3}), NAMES)
-    states = [PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1) for n in range(8)]
-    states += [PooledState(n * STEP_NS, "bow", 0.05, 2, 0.1, unlearned) for n in range(8, 8 + steps)]
-    states += [PooledState(n * STEP_NS, "bow", 0.05, 2, 0.9, 0.95) for n in range(8 + steps, 16 + steps)]
-    published = [decision for state in states for decision in segmenter.update(state)]
+    parts = sure(8) + [("bow", 0.05, 2, 0.1, unlearned)] * steps + [("bow", 0.05, 2, 0.9, 0.95)] * 8
+    published = play(parts, Segmenter(CONFIG.model_copy(update={"hold_s": 0.3}), NAMES))
     assert [(d.stage, d.label) for d in published] == words and {d.began_ns for d in published} == {0}
     assert published[-1].ended_ns == (8 + steps) * STEP_NS
-
-
-def else_steps(steps):
-    return [("bow", 0.05, 0, 0.1, 0.95)] * steps
-
-
-def words(*parts):
-    """Every published decision: stage, label, begin, end, in steps."""
-    segmenter = Segmenter(CONFIG, NAMES)
-    published = [
-        decision
-        for step, (label, p, agreeing, rest_p, *unlearned) in enumerate(chain(*parts))
-        for decision in segmenter.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p, *unlearned))
-    ]
-    return [
-        (d.stage, d.label, d.began_ns // STEP_NS, None if d.ended_ns is None else d.ended_ns // STEP_NS)
-        for d in published
-    ]
 
 
 RULE_7 = {
@@ -322,7 +313,7 @@ RULE_7 = {
 
 @pytest.mark.parametrize(("parts", "expected"), RULE_7.values(), ids=RULE_7)
 def test_7_movements_without_rest(parts, expected):
-    assert words(*parts) == expected
+    assert in_steps(play([*chain(*parts)])) == expected
 
 
 TAKES = {"bow": MovementTimes(shortest_s=2.0), "lunge": MovementTimes(shortest_s=0.4)}
@@ -349,10 +340,8 @@ def test_7_another_label_before_the_first_can_be_over_revises_it(first, conteste
 @pytest.mark.parametrize(("steps", "movements"), [(8, 2), (7, 1)])
 def test_4_a_movement_that_has_lasted_as_long_as_a_take_needs_half_as_much_rest(steps, movements):
     """The shortest lunge has eight steps, the hold three; rest is seen for two frames more than it began."""
-    segmenter, published = Segmenter(CONFIG, Vocabulary(NAMES.labels, movements=TAKES)), []
     course = [*sure(steps, "lunge"), *sure_at_rest(3, "lunge"), *sure(8, "lunge"), *rest(5)]
-    for n, (label, p, agreeing, rest_p) in enumerate(course):
-        published += segmenter.update(PooledState(n * STEP_NS, label, p, agreeing, rest_p))
+    published = play(course, Segmenter(CONFIG, Vocabulary(NAMES.labels, movements=TAKES)))
     assert [each.stage for each in published] == ["decided", "ended"] * movements
 
 
@@ -368,15 +357,14 @@ def test_3_that_all_observers_go_is_no_rest():
     """The router is killed as a movement begins; what the observers held then is the label of the one before."""
     for observed, stages in ((True, ["decided"]), (False, [])):
         segmenter, published = Segmenter(CONFIG, NAMES), []
-        for step, (label, p, agreeing, rest_p) in enumerate([*sure_at_rest(10), *sure(4), *rest(2)]):
-            is_observed = observed or step < 14
-            published += segmenter.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p, observed=is_observed))
+        for step, part in enumerate([*sure_at_rest(10), *sure(4), *rest(2)]):
+            published += segmenter.update(state_of(step, part, observed=observed or step < 14))
         assert [d.stage for d in published] == stages
 
 
 def test_without_observers_nothing_ends_or_begins():
     segmenter = Segmenter(CONFIG, NAMES)
-    published = [d for n in range(5) for d in segmenter.update(PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1))]
+    published = play(sure(5), segmenter)
     silent = [PooledState(n * STEP_NS, "lunge", 0.5, 0, 0.1, observed=False) for n in range(5, 30)]
     assert [d.stage for d in published] == ["decided"] and not any(segmenter.update(state) for state in silent)
     assert segmenter.movement.began_ns == 0
@@ -385,17 +373,15 @@ def test_without_observers_nothing_ends_or_begins():
 
 def test_12_after_a_clock_was_set_back_detection_starts_afresh():
     segmenter = Segmenter(CONFIG, NAMES)
-    for step in (100, 101, 102, 103):
-        segmenter.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1))
+    play(sure(4), segmenter, first=100)
     assert segmenter.movement.decision is not None and segmenter.basis_times == {103 * STEP_NS}
-    results = [segmenter.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1)) for step in range(4)]
-    assert results[:3] == [()] * 3 and results[3][0].began_ns == 0
+    assert play(sure(3), segmenter) == [] and play(sure(1), segmenter, first=3)[0].began_ns == 0
 
 
 def test_evidence_is_needed_until_the_end_and_no_longer():
     segmenter, needed = Segmenter(CONFIG, NAMES), []
-    for step, (label, p, agreeing, rest_p) in enumerate(sure(5) + sure(7, "lunge") + sure_at_rest(6, "lunge")):
-        segmenter.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+    for step, part in enumerate(sure(5) + sure(7, "lunge") + sure_at_rest(6, "lunge")):
+        segmenter.update(state_of(step, part))
         needed.append({t // STEP_NS for t in segmenter.basis_times})
     assert needed == [set()] * 3 + [{3}] * 9 + [{12}] * 3 + [set()] * 3
 
@@ -506,13 +492,11 @@ def test_only_differences_of_time_count(steps, shift_ns):
 def test_9_the_effect_of_an_outage_depends_on_its_length_and_on_whether_there_was_a_decision(
     gap_s, before, after, state
 ):
-    segmenter, at_ns = Segmenter(CONFIG, NAMES), 0
-    for label, p, agreeing, rest_p in before:
-        segmenter.update(PooledState(at_ns := at_ns + STEP_NS, label, p, agreeing, rest_p))
-    last_ns, began_ns = at_ns, segmenter.movement.began_ns
-    at_ns += round(gap_s * SECOND_NS)
-    for label, p, agreeing, rest_p in after:
-        segmenter.update(PooledState(at_ns, label, p, agreeing, rest_p))
+    segmenter = Segmenter(CONFIG, NAMES)
+    play(before, segmenter, first=1)
+    last_ns, began_ns = len(before) * STEP_NS, segmenter.movement.began_ns
+    at_ns = last_ns + round(gap_s * SECOND_NS)
+    play(after, segmenter, first=at_ns // STEP_NS)
     assert segmenter.state is state
     if segmenter.movement is not None:
         is_decided, was_outage = segmenter.movement.decision is not None, gap_s > 1.0
@@ -522,38 +506,27 @@ def test_9_the_effect_of_an_outage_depends_on_its_length_and_on_whether_there_wa
 
 def test_9_an_older_capture_of_a_service_that_is_followed_makes_no_outage():
     segmenter = Segmenter(CONFIG, NAMES)
-    for at_ns in range(5 * SECOND_NS, 6 * SECOND_NS, STEP_NS):
-        segmenter.update(PooledState(at_ns, "bow", 0.9, 2, 0.1))
-    segmenter.follow(segmenter.movement, 2 * SECOND_NS)
-    segmenter.update(PooledState(6 * SECOND_NS + SECOND_NS // 2, "bow", 0.9, 2, 0.1))
+    play(sure(20), segmenter, first=100)
+    segmenter.follow(segmenter.movement, 40 * STEP_NS)
+    play(sure(1), segmenter, first=130)
     assert segmenter.movement.outage_ns is None
 
 
 @pytest.mark.parametrize(("steps", "decided"), [(2, 12), (10, 3)], ids=["just after it", "later"])
 def test_9_a_movement_that_begins_just_after_an_outage_is_decided_later(steps, decided):
-    segmenter, published = Segmenter(CONFIG, NAMES), []
-    for step, (label, p, agreeing, rest_p) in enumerate([*rest(2), *rest(steps), *sure(20, "lunge")]):
-        at_ns = (step + (30 if step >= 2 else 0)) * STEP_NS
-        published += segmenter.update(PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=at_ns))
+    published = play([*rest(2), *rest(steps), *sure(20, "lunge")], gap=(2, 30))
     assert [(d.stage, (d.decided_ns - d.began_ns) // STEP_NS) for d in published] == [("decided", decided)]
 
 
 def test_9_after_an_outage_the_next_movement_is_decided_later_too():
-    segmenter, published = Segmenter(CONFIG, NAMES), []
-    for step, (label, p, agreeing, rest_p) in enumerate([*sure(6), *sure(20, "lunge")]):
-        at_ns = (step + (30 if step >= 6 else 0)) * STEP_NS
-        published += segmenter.update(PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=at_ns))
+    published = play([*sure(6), *sure(20, "lunge")], gap=(6, 30))
     steps = [(d.stage, d.label, d.began_ns // STEP_NS, d.decided_ns // STEP_NS) for d in published]
     assert steps == [("decided", "bow", 0, 3), ("ended", "bow", 0, 3), ("decided", "lunge", 36, 48)]
 
 
 def test_9_something_else_after_an_outage_does_not_revoke_the_verdict():
-    segmenter, published = Segmenter(CONFIG.model_copy(update={"hold_s": 0.3}), NAMES), []
-    still = [("bow", 0.05, 0, 0.9, 0.95)] * 10
-    for step, (label, p, agreeing, rest_p, *unlearned) in enumerate([*sure(10), *else_steps(8), *still]):
-        at_ns = (step + (30 if step >= 10 else 0)) * STEP_NS
-        state = PooledState(at_ns, label, p, agreeing, rest_p, *unlearned, newest_capture_ns=at_ns)
-        published += segmenter.update(state)
+    segmenter, still = Segmenter(CONFIG.model_copy(update={"hold_s": 0.3}), NAMES), [("bow", 0.05, 0, 0.9, 0.95)] * 10
+    published = play([*sure(10), *else_steps(8), *still], segmenter, gap=(10, 30))
     assert [(d.stage, d.label) for d in published] == [("decided", "bow"), ("ended", "bow")]
     assert published[-1].ended_ns == 9 * STEP_NS
 
@@ -561,7 +534,7 @@ def test_9_something_else_after_an_outage_does_not_revoke_the_verdict():
 def words_after_a_gap(before, gap, after, restart=False):
     """Label and stage of the decisions of a story in which no observer is heard for `gap` steps."""
     segmenter, words, newest_capture_ns = Segmenter(CONFIG, NAMES), [], 0
-    for step, (label, p, agreeing, rest_p) in enumerate(chain(before, before[-1:] * gap, after)):
+    for step, part in enumerate(chain(before, before[-1:] * gap, after)):
         at_ns, is_heard = step * STEP_NS, not len(before) <= step < len(before) + gap
         newest_capture_ns = at_ns if is_heard else newest_capture_ns
         if restart and not is_heard:
@@ -569,10 +542,9 @@ def words_after_a_gap(before, gap, after, restart=False):
             following, segmenter = segmenter, Segmenter(CONFIG, NAMES)
             segmenter.follow(following.movement, newest_capture_ns)
             continue
-        state = PooledState(at_ns, label, p, agreeing, rest_p, newest_capture_ns=newest_capture_ns)
+        published = segmenter.update(state_of(step, part, newest_capture_ns=newest_capture_ns))
         words += [
-            (d.label, d.stage, (d.ended_ns if d.stage == "ended" else d.began_ns) // STEP_NS)
-            for d in segmenter.update(state)
+            (label, stage, began if ended is None else ended) for stage, label, began, ended in in_steps(published)
         ]
     return words
 
@@ -593,30 +565,23 @@ def test_9_after_a_gap_another_label_is_the_next_movement_and_the_same_one_goes_
 def test_9_nor_is_an_outage_lost_on_a_service_that_follows_the_one_that_noticed_it():
     """Both services were frozen; the owner comes back second, after one judgement of the other."""
     first, second = Segmenter(CONFIG, NAMES), Segmenter(CONFIG, NAMES)
-    story = [*rest(1), *sure(5)]
-    for step, (label, p, agreeing, rest_p) in enumerate(story):
-        first.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+    play([*rest(1), *sure(5)], first)
     second.follow(first.movement, 5 * STEP_NS)
-    second.update(PooledState(95 * STEP_NS, "lunge", 0.9, 2, 0.1))
+    play(sure(1, "lunge"), second, first=95)
     first.follow(second.movement, 95 * STEP_NS)
-    words = [d for step in range(96, 104) for d in first.update(PooledState(step * STEP_NS, "lunge", 0.9, 2, 0.1))]
-    assert [(d.label, d.stage, (d.ended_ns or 0) // STEP_NS) for d in words[:2]] == [
-        ("bow", "ended", 5),
-        ("lunge", "decided", 0),
-    ]
+    words = in_steps(play(sure(8, "lunge"), first, first=96))
+    assert words[0] == ("ended", "bow", 1, 5) and words[1][:2] == ("decided", "lunge")
 
 
 def test_9_nor_on_one_that_has_just_started_and_takes_over():
     """Seen in a storm: both services were killed twice; one noticed the outage, the other one was given the scene."""
     killed, noticed, started = (Segmenter(CONFIG, NAMES) for _ in range(3))
-    for step, (label, p, agreeing, rest_p) in enumerate([*rest(1), *sure(5)]):
-        killed.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+    play([*rest(1), *sure(5)], killed)
     noticed.follow(killed.movement, 5 * STEP_NS, killed.movement.outage_ns)
-    noticed.update(PooledState(45 * STEP_NS, "lunge", 0.9, 2, 0.1))
+    play(sure(1, "lunge"), noticed, first=45)
     started.follow(noticed.movement, 45 * STEP_NS, noticed.movement.outage_ns)
-    words = [d for step in range(46, 54) for d in started.update(PooledState(step * STEP_NS, "lunge", 0.9, 2, 0.1))]
-    assert [(d.label, d.stage) for d in words[:2]] == [("bow", "ended"), ("lunge", "decided")]
-    assert words[0].ended_ns == 5 * STEP_NS
+    words = in_steps(play(sure(8, "lunge"), started, first=46))
+    assert words[0] == ("ended", "bow", 1, 5) and words[1][:2] == ("decided", "lunge")
     assert killed.movement.outage_ns is None and started.movement.outage_ns is None
 
 
