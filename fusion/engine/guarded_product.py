@@ -1,8 +1,8 @@
 """The default rule: Bayes' product, guarded against one observer that is plainly wrong. Pure.
 
-The formulas, where they come from and what they are for: fusion.md, "The default". S scenes, N observers, M answers, H
-hypotheses (none, or one, of the observers is plainly wrong); `...` is S or nothing. Each scene is pooled by itself, and
-many to the same bits as each alone, on which a replayed capture relies.
+The formulas and their sources: fusion.md, "The default". S scenes, N observers, M answers, H hypotheses (none, or one,
+of the observers is plainly wrong); `...` is S or nothing. Many scenes are pooled to the same bits as each alone, on
+which a replayed capture relies.
 
 With arrays as small as 4 by 20 the number of NumPy's calls counts, whatever they compute: sums are products with ones,
 and a few numbers, as the probabilities of the hypotheses, are plain Python. Tests compare it with the plain form.

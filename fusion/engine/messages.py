@@ -36,8 +36,6 @@ LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this in any probability votes for no label."""
 FACING_CELLS_LIMIT = 8192
 """Cells (M, K) of all facings together that votes carry; more would not fit into a message."""
-NOT_POOLED = dict.fromkeys(("entropy", "p", "root_p", "freshness"))
-"""What the vote of an observer leaves out whose posterior is not pooled."""
 
 
 @dataclass(slots=True)
@@ -203,7 +201,7 @@ def _vote(
         "repeated": repeated and unchecked(VotedRepeated, {"partial": repeated.partial, "swing": repeated.swing}),
     }
     if posterior.state not in POOLED_STATES:
-        fields |= NOT_POOLED
+        fields |= {"entropy": None, "p": None, "root_p": None, "freshness": None}
     return unchecked(Vote, fields)
 
 

@@ -1,7 +1,6 @@
 """The pooled probability that the person rests; one observer may be wrong, stuck or hostile. Pure: time is passed in.
 
-The median over the observers whose posterior is pooled, each weighted by its freshness and by the trust in its rest,
-which is a channel of trust.py. The design and its reasons: fusion.md, "Who may say that the person rests".
+The design and its reasons: fusion.md, "Who may say that the person rests".
 """
 
 import math
@@ -207,7 +206,7 @@ def _apart(one: _Voter, two: _Voter) -> tuple[float, float]:
 
 
 def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | None = None) -> float:
-    """The probability that the person is at rest: the weighted median, which is the mean of two.
+    """The probability that the person is at rest: the median weighted by freshness and trust, the mean of two.
 
     If no posterior is pooled, the last of observers that disappeared lately, because the network may have failed, or 1.
     trust: of each posterior, above 0 to 1; None: 1 each.

@@ -1,9 +1,8 @@
 """Fusion rules: the posteriors of N observers -> one pooled posterior. Each rule has a name in RULES. Pure.
 
-No rule depends on the order of observers, and every rule follows a reordering of labels. To add a rule, put it into
-RULES; tests/contracts/test_rules.py then checks these properties. Each has two steps, `weigh` and `mix` (weighing.py),
-so that joint posteriors over movement and a second variable, which way the person faces, are pooled with the weights of
-the movements alone.
+To add a rule, put it into RULES; tests/contracts/test_rules.py then checks that it depends on no order of observers and
+labels. Each has two steps, `weigh` and `mix` (weighing.py), so that joint posteriors over movement and facing are
+pooled with the weights of the movements alone.
 """
 
 from common.errors import BadInput

@@ -1,9 +1,8 @@
-"""How far each observer is trusted: one filter for all channels, and what verdicts teach. Pure.
+"""How far each observer is trusted: one filter for all channels, and what verdicts teach (fusion.md, "Trust"). Pure.
 
 An observer is honest or faulty, on each channel by itself: its labels, its rest probability, and its course over time.
 A hidden Markov model of two states follows it: `observed`. What is read is trust: P(honest) over that at the start, or
-over that of the observers beside it, at most 1, because what all do is no fault. Sources, and what an observation is on
-each channel: fusion.md, "Trust".
+over that of the observers beside it, at most 1, because what all do is no fault.
 """
 
 import math

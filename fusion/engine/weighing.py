@@ -1,11 +1,7 @@
 """What fusion rules are made of: weights of observers, and mixes of their posteriors. Pure.
 
 Shapes: p (N, M) posteriors, one row per observer, each summing to 1; prior (M,), positive; cells (N, M, K) posteriors
-over the movements and a second variable of K values.
-
-Weights by certainty: the paper says "weighted by certainty" and gives no formula (section V.B). Inverse entropy is this
-project's reading, after Misra, Bourlard and Tyagi, "New entropy based combination rules in HMM/ANN multi-stream ASR",
-ICASSP 2003.
+over the movements and a second variable of K values. Sources of the weights: fusion.md, "Weights".
 """
 
 from collections.abc import Callable
