@@ -27,10 +27,10 @@ from benchmarks.timing import cpu_seconds, resident_bytes
 from common.command_options import takes_options
 from common.errors import BadInput
 from common.text import split_list
-from observer.camera.base import Picture, Size
 from observer.camera.files import Video
 from observer.model.model_file import write_model
 from observer.model.registry import DEFAULT_MODEL
+from observer.tracks import Picture, Size
 
 FILMS = Path("build/camera_cost")
 SIZE: Size = (640, 480)

@@ -119,8 +119,7 @@ def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "
     if inputs.keeps_all or not inputs.pictures:
         return ObserverAround(observer, LoadMeter("frames", LIGHTEN))
     # Imported on use: it needs OpenCV.
-    from observer.runtime.paced_observer import PacedObserver
-    from observer.runtime.pacing import TrackingPace
+    from observer.runtime.pacing import PacedObserver, TrackingPace
 
     section = scene.observer(observer_id)
     pace = TrackingPace(section.max_hz, section.idle_hz)

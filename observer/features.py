@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.body import BodyFrame
-from observer.stillness import TORSO_SHARE
+from observer.body import TORSO_SHARE, BodyFrame
 from observer.tracks import Floats, Tracks
 
 Symbols = NDArray[np.int8]

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from common import SECOND_NS
-from observer.body import SHRINK_STILL_S
-from observer.stillness import TORSO_LENGTHS, BodyReach
+from observer.body import SHRINK_STILL_S, TORSO_LENGTHS, BodyReach
 from observer.tracks import Floats
 
 THIGH, SHIN = 1 / TORSO_LENGTHS["left_hip", "left_knee"], 1 / TORSO_LENGTHS["left_knee", "left_foot"]

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
+
 if TYPE_CHECKING:
     import threading
 
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Integers = NDArray[np.int64]
+Picture = NDArray[np.uint8]
+"""(H, W, 3) in the order blue, green, red, 0 to 255; row 0 is the top row."""
+Size = tuple[int, int]
+"""Width and height of a picture in px, the order of `image_size_px` in a camera file."""
 
 BODY_PARTS = ("left_hand", "right_hand", "head")
 """The paper's three: lh, rh and face (section V.A), in the order of every per-part array."""
@@ -66,6 +72,21 @@ class Frame:
     def at_ns(self) -> int:
         """Time within the motion; differences do not depend on the speed of playback."""
         return self.captured_ns if self.motion_ns is None else self.motion_ns
+
+
+def size_of(picture: Picture) -> Size:
+    """Width and height in px."""
+    return picture.shape[1], picture.shape[0]
+
+
+def require_picture(content: NDArray[Any], least_px: int = 1) -> Picture:
+    """The content if it is a picture of at least `least_px` each way; raises BadInput otherwise."""
+    if content.ndim != 3 or content.shape[2] != 3 or content.dtype != np.uint8 or min(content.shape[:2]) < least_px:
+        raise BadInput(
+            f"picture {content.shape} of {content.dtype}: (H, W, 3) of uint8 in the order blue, green, red is expected,"
+            f" at least {least_px} px each way"
+        )
+    return content
 
 
 @dataclass(frozen=True, slots=True)

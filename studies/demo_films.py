@@ -14,7 +14,6 @@ from common import SECOND_NS
 from common.config import read_scene
 from common.parallel import run_parts
 from common.wire import encode
-from observer.camera.base import Picture, Size
 from observer.camera.files import write_film
 from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
@@ -28,7 +27,7 @@ from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.runtime.start_barrier import StartBarrier
-from observer.tracks import Frame, State, Tracks
+from observer.tracks import Frame, Picture, Size, State, Tracks
 from studies.fusion_engine import FusionEngine, step
 from studies.settings import Progress
 

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.text import split_list
+from observer.body import OF_JERKS, QUIET_SHARE
 from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
 from observer.motion.importers.msr_action3d import MSR_LABELS
-from observer.stillness import OF_JERKS, QUIET_SHARE
 from observer.tracks import BODY_PARTS
 
 SLOWEST, FASTEST = 0.6, 1.7

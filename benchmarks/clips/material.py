@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from common import SECOND_NS
-from observer.camera.base import Picture, require_picture
 from observer.camera.opening import open_pictures
 from observer.files import read_arrays, write_arrays
 from observer.geometry.camera_file import CameraModel, write_camera
@@ -18,7 +17,7 @@ from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import FLORENCE_HZ, import_folder
 from observer.runtime.scene_inputs import UnmirroredSource
-from observer.tracks import BODY_PARTS, Floats, Frame
+from observer.tracks import BODY_PARTS, Floats, Frame, Picture, require_picture
 from studies.sensors import with_parts
 
 CLIPS, WEBCAM, RECORDINGS = "florence3d_videos", "wave_webcam", "florence3d"

@@ -12,10 +12,9 @@ import cv2
 import numpy as np
 
 from benchmarks.clips.material import Clip, clip_view, pictures_of, track_pictures
-from observer.camera.base import Picture
 from observer.geometry.projection import project
 from observer.motion.archive import Recording
-from observer.tracks import Floats
+from observer.tracks import Floats, Picture
 
 STILL_S = 10.0
 SHARES = (0.0, 0.5, 1.0)

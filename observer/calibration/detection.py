@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.calibration.board import Board, Charuco, Chessboard, Picture
-from observer.camera.base import size_of
 from observer.geometry.projection import Floats
+from observer.tracks import size_of
 
 FEWEST_CORNERS = 6
 """Fewest corners that determine a pose well; a picture with fewer counts as one without a board."""

@@ -1,19 +1,9 @@
 """Types shared by all picture sources, and how a source's text is read; pure."""
 
 from collections.abc import Callable
-from typing import Any, Literal
+from typing import Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from common.errors import BadInput
 from common.messages import ProcessState
-
-Picture = NDArray[np.uint8]
-"""(H, W, 3) in the order blue, green, red, 0 to 255; row 0 is the top row."""
-
-Size = tuple[int, int]
-"""Width and height of a picture in px, the order of `image_size_px` in a camera file."""
 
 Clock = Callable[[], int]
 """Returns nanoseconds: since 1970 for capture times, since any moment for durations."""
@@ -33,21 +23,6 @@ class CameraFault(Exception):  # noqa: N818 - names what happened; never shown a
 
 def ignore_report(state: ProcessState, reason: str) -> None:
     """Do nothing: the default `Report`. Sources log each change in any case."""
-
-
-def size_of(picture: Picture) -> Size:
-    """Width and height in px."""
-    return picture.shape[1], picture.shape[0]
-
-
-def require_picture(content: NDArray[Any], least_px: int = 1) -> Picture:
-    """The content if it is a picture of at least `least_px` each way; raises BadInput otherwise."""
-    if content.ndim != 3 or content.shape[2] != 3 or content.dtype != np.uint8 or min(content.shape[:2]) < least_px:
-        raise BadInput(
-            f"picture {content.shape} of {content.dtype}: (H, W, 3) of uint8 in the order blue, green, red is expected,"
-            f" at least {least_px} px each way"
-        )
-    return content
 
 
 SCHEMES = ("rtsp", "rtsps", "http", "https")

@@ -10,7 +10,8 @@ from typing import cast
 import cv2
 
 from common.errors import BadInput
-from observer.camera.base import CameraFault, Picture, Size, kind_of
+from observer.camera.base import CameraFault, kind_of
+from observer.tracks import Picture, Size
 
 OPEN_TIMEOUT_MS = 2000
 """Timeout for the first answer of a network camera."""

@@ -7,12 +7,12 @@ from pathlib import Path
 
 from common.errors import BadInput
 from common.text import without_secrets
-from observer.camera.base import NOMINAL_HZ, SCHEMES, Report, Size, ignore_report, kind_of
+from observer.camera.base import NOMINAL_HZ, SCHEMES, Report, ignore_report, kind_of
 from observer.camera.capture import connect
 from observer.camera.files import PICTURES, PictureFolder, RecordedPictures, Video
 from observer.camera.live import LiveCamera
 from observer.motion.playback import Start
-from observer.tracks import FrameSource
+from observer.tracks import FrameSource, Size
 
 KNOWN = f'a webcam ("0", "/dev/video0"), an address ({", ".join(SCHEMES)}), a video file, a folder of pictures'
 

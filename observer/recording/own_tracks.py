@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from common import SECOND_NS
 from common.errors import BadInput
 from common.text import plural
+from observer.body import Stillness
 from observer.motion.archive import Recording
 from observer.motion.even_rate import at_even_rate
-from observer.stillness import Stillness
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
 RECORDING_HZ = 15.0

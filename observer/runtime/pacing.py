@@ -1,4 +1,4 @@
-"""When the tracker looks at a picture: at full rate while the person moves, seldom while nothing changes. Pure.
+"""An observer that looks at a picture only when there can be something new in it.
 
 1. While the person moves the tracker is run `max_hz` times a second; by default as often as ACTIVE_SHARE of a core
    allows.
@@ -14,11 +14,17 @@
 from collections import deque
 from statistics import median
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from common import SECOND_NS
-from observer.tracks import Floats, Tracks
+from common.config_sections import FusionConfig
+from common.load import LoadMeter
+from observer.runtime.pipeline import Posterior
+from observer.runtime.prepared_tracker import PreparedTracker
+from observer.runtime.service import ObserverAround, ObserverLike
+from observer.tracks import Floats, Frame, Picture, State, Tracks
 
 ACTIVE_SHARE, SEARCH_SHARE, REST_SHARE, EMPTY_SHARE = 0.4, 0.06, 0.04, 0.005
 """Shares of a core that the tracker may take: of a moving person, of nobody while pictures change, of a person at rest,
@@ -78,8 +84,7 @@ class TrackingPace:
         if changed:
             self._moved_ns = at_ns
             if was_quiet:
-                self._fruitless = 0
-                self._due_ns = at_ns
+                self._fruitless, self._due_ns = 0, at_ns
         # The picture nearest to the moment at which a run is due.
         return at_ns + self._period_ns / 2 >= self._due_ns
 
@@ -95,7 +100,7 @@ class TrackingPace:
         self._ran_ns = at_ns
         was_empty = self.empty and self.quiet(at_ns)
         (self._empty_costs if was_empty else self._costs).append(max(cost_s, 1e-6))
-        someone = bool(tracks.visible.any()) or (tracks.guesses is not None and bool(np.isfinite(tracks.guesses).any()))
+        someone = any(state is not State.MISSING for state in tracks.states)
         if someone or self._someone_ns is None or at_ns < self._someone_ns:
             self._someone_ns = at_ns
         lost = at_ns - self._someone_ns >= LOST_S * SECOND_NS
@@ -116,8 +121,6 @@ class TrackingPace:
                 return idle_hz
             empty_s = median(self._empty_costs) if self._empty_costs else cost_s
             return min(max(min(_within(EMPTY_SHARE, empty_s), MOST_EMPTY_HZ), LEAST_EMPTY_HZ), idle_hz)
-        if not self._fruitless:
-            return active_hz
         slowest_hz = min(active_hz, max(_within(SEARCH_SHARE, cost_s), LEAST_IDLE_HZ))
         return max(active_hz / SLOWER ** min(self._fruitless, 100), slowest_hz)
 
@@ -171,8 +174,8 @@ class MotionGate:
 
     def __init__(self) -> None:
         self._mean: Cells | None = None
-        self._variance: Cells = np.zeros((ROWS, COLUMNS), np.float32)
-        self._limit: Cells = np.full((ROWS, COLUMNS), LEAST_GREY, np.float32)
+        self._variance = np.zeros((ROWS, COLUMNS), np.float32)
+        self._limit = np.full((ROWS, COLUMNS), LEAST_GREY, np.float32)
         self._waiting: deque[tuple[int, Cells, float]] = deque()
         self._before_ns, self._unlearned_s = 0, 0.0
 
@@ -219,3 +222,78 @@ def _brighter(cells: Cells, mean: Cells) -> np.float32:
     """By what factor the picture is brighter than the mean: the median over every fifth row and column."""
     ratios = np.sort(((cells[::5, ::5] + 1) / (mean[::5, ::5] + 1)).ravel())
     return np.float32(ratios[len(ratios) // 2])  # np.median takes longer than all the rest
+
+
+GATE_HZ, EMPTY_GATE_HZ = 30.0, 15.0
+"""Pictures that come faster are not all compared; in an empty room, where nobody can begin a movement, even fewer."""
+SAMPLED_PX = 240
+"""Of a picture about so many rows or columns are read, whichever are fewer."""
+HEARTBEAT, EMPTY_HEARTBEAT = 0.45, 0.2
+"""Posteriors are repeated after this share of fresh_s, so that they stay fresh, and when nobody is there, after this
+share of drop_s: an observer that sees nobody has no posterior to keep fresh, and must only not seem dead."""
+
+
+class PacedObserver(ObserverAround):
+    """An `ObserverLike` that skips pictures, which then have no posterior.
+
+    tracker: the one that `observer` steps. fusion: which posteriors stay fresh. While nobody moves and the pictures do
+    not change, the observer is stepped with the last tracks as a heartbeat: they are true of the newest picture too.
+    """
+
+    def __init__(
+        self,
+        observer: ObserverLike,
+        tracker: PreparedTracker,
+        pace: TrackingPace,
+        fusion: FusionConfig,
+        meter: LoadMeter,
+    ) -> None:
+        super().__init__(observer, meter)
+        self._late, self._tracker, self._pace, self._fusion = meter, tracker, pace, fusion
+        self._gate, self._skipped = MotionGate(), False
+        self._compared_ns = self._stepped_ns = self._lost = 0
+
+    def step(self, frame: Frame) -> Posterior | None:
+        """The posterior after one more frame; None if it was skipped. The last one of a recording never is."""
+        if frame.repeated:
+            return None if self._skipped else self._observer.step(frame)
+        at_ns = frame.captured_ns
+        self._lost += frame.skipped
+        missed = self._pace.missed(at_ns, self._lost)
+        due = self._pace.due(at_ns, self._changed(frame)) or frame.last
+        self._skipped = not due and not (self._pace.quiet(at_ns) and self._heartbeat_due(at_ns))
+        if self._skipped:
+            return None
+        self._stepped_ns = at_ns
+        if due:
+            self._late.record(at_ns, missed)
+            self._lost = 0
+        self._tracker.hold, self._tracker.resting = not due, self._pace.quiet(at_ns)
+        posterior = self._observer.step(frame)
+        if due and (tracks := self._tracker.tracks_of_all) is not None:
+            self._pace.ran(at_ns, tracks, self._tracker.cost_s)
+        return posterior
+
+    def _changed(self, frame: Frame) -> bool:
+        """Whether something begins to move; not asked of pictures that come faster than GATE_HZ."""
+        if not self._pace.confirmed_quiet:
+            self._gate.forget()
+            return False
+        rate_hz = EMPTY_GATE_HZ if self._pace.empty else GATE_HZ
+        if 0 <= frame.captured_ns - self._compared_ns < 0.7 * SECOND_NS / rate_hz:
+            return False
+        self._compared_ns = frame.captured_ns
+        return self._gate.update(cells_of(frame.content), frame.captured_ns)
+
+    def _heartbeat_due(self, at_ns: int) -> bool:
+        fusion = self._fusion
+        heartbeat_s = EMPTY_HEARTBEAT * fusion.drop_s if self._pace.empty else HEARTBEAT * fusion.fresh_s
+        return not 0 <= at_ns - self._stepped_ns < heartbeat_s * SECOND_NS
+
+
+def cells_of(picture: Picture) -> Cells:
+    """(H, W, 3) -> (ROWS, COLUMNS) means of green, 0 to 255, of every n-th pixel."""
+    step = max(1, min(picture.shape[:2]) // SAMPLED_PX)
+    sampled = np.ascontiguousarray(picture[::step, ::step, 1])
+    small = cv2.resize(sampled, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.float32)

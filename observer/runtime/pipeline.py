@@ -1,7 +1,8 @@
-"""One observer's computation, from a frame to a posterior and the message that carries it. No network and no clock."""
+"""One observer's computation, from a frame to a posterior and the bytes that carry it. No network and no clock."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +12,17 @@ from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.posterior import ObservedScore, Repeated, Unscored
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
+from common.wire import encode
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
 from observer.motion.even_rate import Resampler
 from observer.score.performance import PerformanceScorer
 from observer.tracks import Floats, Frame, Tracker, Tracks
+
+if TYPE_CHECKING:
+    from common.link import Publisher
+    from observer.runtime.send_on_change import SendOnChange
 
 HURRIED_S = 1.0
 """An observer that left out a frame is in a hurry for so long: the next frames will take as long as those before."""
@@ -208,3 +214,35 @@ class PosteriorEncoder:
         )
         self.seq += 1
         return message
+
+
+class PosteriorPublisher(PosteriorEncoder):
+    """Publishes posteriors on the mesh; on_change: None to send each one. session: as in `PosteriorEncoder`."""
+
+    def __init__(
+        self,
+        vocabulary: Vocabulary | None,
+        publisher: "Publisher",
+        directed: bool = True,
+        on_change: "SendOnChange | None" = None,
+        session: str = "",
+    ) -> None:
+        super().__init__(vocabulary, session, directed)
+        self._publisher, self._on_change = publisher, on_change
+
+    def follow(self, vocabulary: Vocabulary | None) -> None:
+        """The next posterior is in this vocabulary; if it is another one, it is sent in any case."""
+        if vocabulary is not self.vocabulary:
+            self.vocabulary = vocabulary
+            if self._on_change is not None:
+                self._on_change.forget()
+
+    def publish(self, posterior: Posterior, captured_ns: int, now_ns: int) -> bool:
+        """Send the posterior of the frame captured at `captured_ns`, unless it hardly changed; whether it was sent."""
+        # Of several people any may have changed.
+        is_alone = posterior.person is None
+        if self._on_change is not None and is_alone and not self._on_change.should_send(posterior, captured_ns):
+            return False
+        for each in (posterior, *posterior.others):
+            self._publisher.put(encode(self.encode(each, captured_ns, now_ns)))
+        return True

@@ -1,17 +1,19 @@
-"""Adapts a tracker to a model and to the camera file of its view. Pure."""
+"""Adapts a tracker to a model and to the camera file of its view, and lets it rest. Pure."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from common.errors import BadInput
-from observer.camera.base import size_of
 from observer.geometry.picture_size import Size, picture_scale, scale_note
 from observer.geometry.views import View
-from observer.tracks import Floats, Frame, PersonTracks, Tracker, Tracks
+from observer.tracks import Floats, Frame, PersonTracks, Tracker, Tracks, size_of
 
 NEVER_SEEN = np.full((1, 2), np.nan)
+RESTING_RUNS = 4
+"""While nothing changes, tracks are the mean of so many runs: the parts stay, only the tracker trembles."""
 
 
 class PreparedTracker:
@@ -20,8 +22,10 @@ class PreparedTracker:
     view: of a calibrated camera, with the size of its pictures, to which centres are scaled, and its lens, whose
     distortion is removed, because the projective matrix is valid for undistorted pixels of that size; None: neither.
     fewer_parts: a part that the tracker does not find is never seen. notify: gets one line when pictures of another
-    size are scaled, once for each size. Raises BadInput if it does not find a wanted part,
-    or none of them.
+    size are scaled, once for each size. Raises BadInput if it does not find a wanted part, or none of them.
+
+    hold: the tracker is not run, and the last tracks are valid for this frame too. resting: nothing changes, so the
+    tracks are the mean of the last RESTING_RUNS runs. cost_s: CPU seconds of the last run, by the clock `cpu_s`.
     """
 
     def __init__(
@@ -31,6 +35,7 @@ class PreparedTracker:
         view: View | None = None,
         fewer_parts: bool = False,
         notify: Callable[[str], None] = lambda _: None,
+        cpu_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.every_part = tuple(tracker.body_parts)
         """All body parts that the tracker finds, in its order."""
@@ -40,7 +45,9 @@ class PreparedTracker:
         """Wanted parts that the tracker does not find."""
         self._rows: list[int] = []
         self.want(wanted, fewer_parts)
-        self._view, self._notify = view, notify
+        self._view, self._notify, self._cpu_s = view, notify, cpu_s
+        self.hold, self.resting, self.cost_s = False, False, 0.0
+        self._runs: deque[Floats] = deque(maxlen=RESTING_RUNS)
         self._size_px: Size | None = None
         self._scale = 1.0
         self.picture_tracks: Tracks | None = None
@@ -79,7 +86,12 @@ class PreparedTracker:
 
         Raises BadInput for pictures of another shape than the camera file's.
         """
-        tracks = self.all_tracks = self.tracker.update(frame)
+        if self.all_tracks is None or not self.hold:
+            begun_s = self._cpu_s()
+            found = self.tracker.update(frame)
+            self.cost_s = self._cpu_s() - begun_s
+            self.all_tracks = self._settled(found)
+        tracks = self.all_tracks
         guesses = None if tracks.guesses is None else self._wanted(tracks.guesses)
         self.picture_tracks = Tracks(self._wanted(tracks.centres), guesses, tracks.people)
         if self._view is None or self._is_plain:
@@ -88,6 +100,16 @@ class PreparedTracker:
             self._fit(self._view, size_of(frame.content))
         calibrated = None if guesses is None else self._calibrated(guesses)
         return Tracks(self._calibrated(self.picture_tracks.centres), calibrated, tracks.people)
+
+    def _settled(self, tracks: Tracks) -> Tracks:
+        if not self.resting:
+            self._runs.clear()
+            return tracks
+        self._runs.append(tracks.centres)
+        runs = np.array(self._runs)
+        visible = np.isfinite(runs)
+        means = np.where(visible, runs, 0.0).sum(axis=0) / np.maximum(visible.sum(axis=0), 1)
+        return replace(tracks, centres=np.where(np.isfinite(tracks.centres), means, np.nan))
 
     @property
     def most(self) -> int:

@@ -110,7 +110,7 @@ def open_inputs(
     if pictures:
         _log_choice(observer, outcome, as_chosen=outcome is choice)
     parts, notify = wanted or tracker.body_parts, partial(log.warning, "%s: %s", observer)
-    prepared = PreparedTracker(tracker, parts, view, fewer_parts, notify)
+    prepared = PreparedTracker(tracker, parts, view, fewer_parts, notify, time.process_time)
     if prepared.lacking:
         log.warning("%s: judges without %s: the tracker does not find them", observer, ", ".join(prepared.lacking))
     length = getattr(source, "length", None)

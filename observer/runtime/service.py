@@ -13,15 +13,15 @@ from common.clock_skew import ClockQuerier
 from common.config import Scene
 from common.health import ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
-from common.link import Link, Publisher
+from common.link import Link
 from common.load import LoadMeter
 from common.message_types import BodyRegionShares
 from common.messages import ProcessState, StatusMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from common.wire import encode, encode_vocabulary
+from common.wire import encode_vocabulary
 from observer.runtime.fusion_clock import FusionClock
-from observer.runtime.pipeline import Posterior, PosteriorEncoder
+from observer.runtime.pipeline import Posterior, PosteriorPublisher
 from observer.runtime.send_on_change import SendOnChange
 from observer.tracks import Frame, FrameSource
 
@@ -210,7 +210,7 @@ def _encoded(scene: str, vocabulary: Vocabulary | None) -> bytes | None:
     return None if vocabulary is None else encode_vocabulary(scene, vocabulary)
 
 
-def _publish_end(observer: ObserverLike, publisher: "PosteriorPublisher", captured_ns: int, now_ns: int) -> None:
+def _publish_end(observer: ObserverLike, publisher: PosteriorPublisher, captured_ns: int, now_ns: int) -> None:
     posterior = observer.end()
     if posterior is not None:
         # Fusion only takes posteriors that are newer than the last.
@@ -228,37 +228,6 @@ def _state_report(status: StatusPublisher, health: HealthReporter, observer_id: 
     return report
 
 
-class PosteriorPublisher(PosteriorEncoder):
-    """Publishes posteriors on the mesh; on_change: None to send each one."""
-
-    def __init__(
-        self,
-        vocabulary: Vocabulary | None,
-        publisher: Publisher,
-        directed: bool = True,
-        on_change: SendOnChange | None = None,
-    ) -> None:
-        super().__init__(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
-        self._publisher, self._on_change = publisher, on_change
-
-    def follow(self, vocabulary: Vocabulary | None) -> None:
-        """The next posterior is in this vocabulary; if it is another one, it is sent in any case."""
-        if vocabulary is not self.vocabulary:
-            self.vocabulary = vocabulary
-            if self._on_change is not None:
-                self._on_change.forget()
-
-    def publish(self, posterior: Posterior, captured_ns: int, now_ns: int) -> bool:
-        """Send the posterior of the frame captured at `captured_ns`, unless it hardly changed; whether it was sent."""
-        # Of several people any may have changed.
-        is_alone = posterior.person is None
-        if self._on_change is not None and is_alone and not self._on_change.should_send(posterior, captured_ns):
-            return False
-        for each in (posterior, *posterior.others):
-            self._publisher.put(encode(self.encode(each, captured_ns, now_ns)))
-        return True
-
-
 def _posterior_publisher(
     scene: Scene, observer_id: str, vocabulary: Vocabulary | None, link: Link
 ) -> PosteriorPublisher:
@@ -266,4 +235,5 @@ def _posterior_publisher(
     directed = section.direction == "known"
     # Half of fresh_s: the next posterior arrives before the last one is stale.
     on_change = None if section.say == "each frame" else SendOnChange(scene.fusion.fresh_s / 2, directed)
-    return PosteriorPublisher(vocabulary, link.publisher(scene.keys.posterior(observer_id)), directed, on_change)
+    publisher, session = link.publisher(scene.keys.posterior(observer_id)), secrets.token_urlsafe(SESSION_BYTES)
+    return PosteriorPublisher(vocabulary, publisher, directed, on_change, session)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import CorrectedReport, TeachRequest, only_person
+from observer.body import Stillness
 from observer.motion.archive import Recording
 from observer.recording.own_tracks import MARGIN_S, TracksRecorder, in_parts, watched_parts
-from observer.stillness import Stillness
 from observer.teaching.take_recorder import SHORTEST_S
 from observer.tracks import Tracks
 

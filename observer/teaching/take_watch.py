@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from common import SECOND_NS
+from observer.body import Stillness
 from observer.motion.even_rate import Resampler
-from observer.stillness import Stillness
 from observer.tracks import Floats, Tracks
 
 MOVES_S = 0.15
@@ -119,7 +119,7 @@ class TakeWatch:
 
 
 class StillnessStream:
-    """P(the person is still) in frames of any rate, by the measure of the models (observer/stillness.py)."""
+    """P(the person is still) in frames of any rate, by the measure of the models (observer/body.py)."""
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
         self._stillness, self._resampler = Stillness(body_parts, rate_hz), Resampler(rate_hz)

@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
-from observer.camera.base import require_picture
 from observer.tracking.back_projection import (
     SKIN,
     BackProjection,
@@ -20,7 +19,7 @@ from observer.tracking.hands import HandTracker
 from observer.tracking.head import DOUBTED_S, LOST_S, NO_CASCADE, Box, FaceFinder, HeadTracker, have_cascade, middle
 from observer.tracking.kalman import HEAD_ACCELERATION, TrackedPart
 from observer.tracking.skin import Picture, SkinHistogram
-from observer.tracks import BODY_PARTS, Floats, Frame, State, Tracks
+from observer.tracks import BODY_PARTS, Floats, Frame, State, Tracks, require_picture
 
 ADVISE_AFTER_S = 5.0
 """Time without a face before advice is given, and least time for which an advice stands."""

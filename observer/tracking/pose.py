@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.camera.base import require_picture
 from observer.tracking.sides import SideKeeper
-from observer.tracks import BODY_PARTS, WHOLE_BODY, Floats, Frame, SeenPeople, Tracks
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Floats, Frame, SeenPeople, Tracks, require_picture
 
 LANDMARKS = 33
 """Landmarks of BlazePose (Bazarevsky et al., BlazePose: on-device real-time body pose tracking, 2020, figure 3)."""

@@ -12,14 +12,13 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from observer.camera.base import require_picture
 from observer.tracking.company import GROWTH, SPEED, STEP
 from observer.tracking.people import Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
 from observer.tracking.person_keeper import Detection, PersonKeeper, seen_people
 from observer.tracking.pose import COMPLAINT, NOBODY_S, Hand, landmarks_of, read_pose, require_hand
 from observer.tracking.search_areas import Sweep
 from observer.tracking.sides import SideKeeper
-from observer.tracks import WHOLE_BODY, Frame, Tracks
+from observer.tracks import WHOLE_BODY, Frame, Tracks, require_picture
 
 SEARCH_S, NEWCOMER_S = 0.3, 1.0
 """Time between two searches while somebody was lost or nobody is followed, and while all are followed who were seen."""

@@ -86,7 +86,7 @@ IMPURE = {
     "OpenCV or matplotlib, cameras": (
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "
         "observer.calibration.parameters observer.camera* observer.preview.* "
-        "observer.recording.capture observer.rendering.canvas observer.runtime.paced_observer "
+        "observer.recording.capture observer.rendering.canvas observer.runtime.pacing "
         "observer.rendering.scenery observer.tracking.* studies.figures studies.figures.*"
     ),
 }

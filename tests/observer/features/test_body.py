@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.body import BodyFrame
-from observer.stillness import TORSO_LENGTHS, BodyReach
+from observer.body import TORSO_LENGTHS, BodyFrame, BodyReach
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 
 RATE = 15.0

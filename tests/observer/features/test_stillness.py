@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from observer.body import Stillness
 from observer.geometry.views import parse_view
 from observer.motion.archive import movements_in
 from observer.motion.archive_file import read_archive
 from observer.motion.projected import view_tracks
-from observer.stillness import Stillness
 from observer.tracks import BODY_PARTS, Tracks
 
 RATE = 15.0

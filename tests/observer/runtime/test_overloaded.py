@@ -6,8 +6,7 @@ import pytest
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
-from observer.runtime.paced_observer import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver
-from observer.runtime.pacing import TrackingPace
+from observer.runtime.pacing import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver, TrackingPace
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.service import ObserverAround
 from observer.tracks import Frame, Tracks
@@ -63,10 +62,10 @@ def said_paced(step_s, cost_s, seconds=20):
         slow.spent_s += cost_s  # read before and after each run
         return slow.spent_s
 
-    prepared = PreparedTracker(slow, slow.body_parts)
+    prepared = PreparedTracker(slow, slow.body_parts, cpu_s=spent_s)
     meter = LoadMeter("pictures", ADVICE)
     fusion = FusionConfig(fresh_s=0.1 / HEARTBEAT, drop_s=0.5 / EMPTY_HEARTBEAT)
-    observer = PacedObserver(Observer(), prepared, TrackingPace(), fusion, meter, spent_s)
+    observer = PacedObserver(Observer(), prepared, TrackingPace(), fusion, meter)
     return complaints(observer, seconds, lambda: slow.elapsed_s)
 
 

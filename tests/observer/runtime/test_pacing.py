@@ -12,17 +12,20 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
 from observer.camera.opening import open_pictures
-from observer.runtime.paced_observer import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver, cells_of
 from observer.runtime.pacing import (
     ACTIVE_SHARE,
     COLUMNS,
+    EMPTY_HEARTBEAT,
     EMPTY_SHARE,
+    HEARTBEAT,
     HOLD_S,
     NOBODY_S,
     ROWS,
     SEARCH_SHARE,
     MotionGate,
+    PacedObserver,
     TrackingPace,
+    cells_of,
     is_still,
 )
 from observer.runtime.prepared_tracker import PreparedTracker
@@ -155,15 +158,9 @@ class Recorder:
 
 def paced(tracker, shown):
     """What an observer with this tracker publishes of each picture; None: skipped."""
-    prepared, meter = PreparedTracker(tracker, tracker.body_parts), LoadMeter("pictures", "")
-    observer = PacedObserver(
-        Recorder(prepared),
-        prepared,
-        TrackingPace(),
-        FusionConfig(fresh_s=0.1 / HEARTBEAT, drop_s=0.5 / EMPTY_HEARTBEAT),
-        meter,
-        lambda: tracker.spent_s,
-    )
+    prepared = PreparedTracker(tracker, tracker.body_parts, cpu_s=lambda: tracker.spent_s)
+    fusion = FusionConfig(fresh_s=0.1 / HEARTBEAT, drop_s=0.5 / EMPTY_HEARTBEAT)
+    observer = PacedObserver(Recorder(prepared), prepared, TrackingPace(), fusion, LoadMeter("pictures", ""))
     return [observer.step(Frame(at(n), content, last=n == len(shown) - 1)) for n, content in enumerate(shown)]
 
 
