@@ -20,8 +20,7 @@ from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
 from observer.motion.even_rate import Resampler
 from observer.motion.playback import RecordedMotion
-from observer.preview.sight import Sighting
-from observer.preview.small_picture import STATE_COLOUR, small_picture, write_line
+from observer.preview.small_picture import STATE_COLOUR, Sighting, small_picture, write_line
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder

@@ -8,13 +8,13 @@ from typing import Annotated
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
 from observer.camera.files import PICTURES, PictureFolder, Video
 from observer.files import toml_of
 from observer.geometry.projection import Floats
+from observer.tracks import Picture
 
 BOARD_FORMS = (
     "chessboard:COLUMNSxROWS:METRES (corners inside the board, e.g. chessboard:4x7:0.06) or a ChArUco file (.toml)"
@@ -137,9 +137,6 @@ def _square_cm(path: Path, keys: _BoardFileKeys) -> float:
     if keys.units not in CM_PER_UNIT:
         raise BadInput(f"{path}: units = {keys.units!r}: unknown unit; known: {', '.join(CM_PER_UNIT)}")
     return min(keys.board_height / keys.rows, keys.board_width / keys.columns) * CM_PER_UNIT[keys.units]
-
-
-Picture = NDArray[np.uint8]
 
 
 def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]:

@@ -25,8 +25,7 @@ from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import BadMessage, decode_from
 from observer.preview.clip_folder import ClipFolder
-from observer.preview.sight import Sighting
-from observer.preview.small_picture import encode_jpeg, small_picture
+from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
 
 log = logging.getLogger("labanmesh.observer")
 

@@ -15,10 +15,11 @@ if TYPE_CHECKING:
     from common.config import ObserverConfig
     from common.tracker_choice import TrackerChoice
     from observer.camera.base import Report
+    from observer.geometry.views import View
     from observer.preview.looking import LookReport
-    from observer.preview.sight import Picture, Sighting
+    from observer.preview.small_picture import Sighting
     from observer.tracking.tracker_kind import TrackerKind
-    from observer.tracks import FrameSource, Tracker
+    from observer.tracks import FrameSource, Picture, Tracker
 
 LOOK_SIDE_PX, SHOWN_PX = 1280, 320
 """Longer side of the picture that is written, at most, and of the one in the terminal."""
@@ -62,18 +63,12 @@ def look(
     from observer.preview.looking import LastReport, look_at
     from observer.preview.small_picture import small_picture
 
-    _require_picture_name(output)
-    for path in (output, save_skin):
-        _require_folder(path)
-    last_report = LastReport()
-    settings = ObserverConfig(
+    _require_outputs(output, save_skin)
+    section = ObserverConfig(
         source=source, view=view, tracker=tracker, pose_model=pose_model, skin=skin, face=_box(face)
     )
-    # Wrong options are reported before a camera is opened, and before mediapipe is loaded for a camera that is absent.
-    parse_view(view)
-    choice, kind = _choice(settings, saves_skin=save_skin is not None)
-    opened = _source(source, view, recording, last_report)
-    built, choice = _tracker(settings, choice, kind)
+    last_report = LastReport()
+    opened, built, choice = _opened(section, recording, last_report, saves_skin=save_skin is not None)
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     report, sighting = look_at(opened, built, frames, name, choice, last_report)
     write_picture(output, small_picture(sighting, LOOK_SIDE_PX))
@@ -82,6 +77,25 @@ def look(
     _print(replace(report, size_note=size_advice(parse_view(view), report.size_px)), output)
     if save_skin is not None:
         _save_skin(built, save_skin)
+
+
+def _opened(
+    section: "ObserverConfig", recording: int, report: "Report", *, saves_skin: bool
+) -> "tuple[FrameSource, Tracker, TrackerChoice]":
+    """Source, tracker, and the choice of the tracker as it came out.
+
+    Wrong options are reported before a camera is opened, and before mediapipe is loaded for a camera that is absent.
+    """
+    from observer.geometry.views import parse_view
+    from observer.tracking.registry import built_tracker
+    from observer.tracking.tracker_kind import TrackerSettings
+    from observer.tracks import BODY_PARTS
+
+    view = parse_view(section.view)
+    choice, kind = _choice(section, saves_skin)
+    source = _source(section.source, view, recording, report)
+    # From behind, camshift takes the hand on the right of the picture for the right one.
+    return source, *built_tracker(choice, kind, TrackerSettings(view, (), BODY_PARTS, section, Path))
 
 
 def _show(sighting: "Sighting") -> None:
@@ -137,7 +151,7 @@ def _print(report: "LookReport", output: Path) -> None:
         typer.echo(f"-> {line}")
 
 
-def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSource":
+def _source(text: str, view: "View", recording: int, report: "Report") -> "FrameSource":
     if not text.endswith(".npz"):
         from observer.camera.capture import require_device
         from observer.camera.opening import open_pictures
@@ -145,7 +159,6 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
         # `observe` waits for a webcam that is plugged in later; a check of the camera does not.
         require_device(text)
         return open_pictures(text, Path(), report=report, speed=0.0)
-    from observer.geometry.views import parse_view
     from observer.motion.archive_file import read_archive
     from observer.motion.playback import RecordedMotion
     from observer.rendering.virtual_camera import VirtualCamera
@@ -158,7 +171,7 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
     if recording >= len(archive.recordings):
         raise BadInput(f"--recording {recording}: {text} has recordings 0 to {len(archive.recordings) - 1}")
     chosen = archive.recordings[recording : recording + 1]
-    return VirtualCamera(RecordedMotion(archive.body_parts, chosen, speed=0.0), parse_view(view))
+    return VirtualCamera(RecordedMotion(archive.body_parts, chosen, speed=0.0), view)
 
 
 def _choice(section: "ObserverConfig", saves_skin: bool) -> "tuple[TrackerChoice, TrackerKind]":
@@ -176,20 +189,6 @@ def _choice(section: "ObserverConfig", saves_skin: bool) -> "tuple[TrackerChoice
     return choice, tracker_named(choice.name, "--tracker", "pictures")
 
 
-def _tracker(
-    section: "ObserverConfig", choice: "TrackerChoice", kind: "TrackerKind"
-) -> "tuple[Tracker, TrackerChoice]":
-    """The tracker, and the choice as it came out."""
-    from observer.geometry.views import parse_view
-    from observer.tracking.registry import built_tracker
-    from observer.tracking.tracker_kind import TrackerSettings
-    from observer.tracks import BODY_PARTS
-
-    # From behind, camshift takes the hand on the right of the picture for the right one.
-    settings = TrackerSettings(parse_view(section.view), (), BODY_PARTS, section, Path)
-    return built_tracker(choice, kind, settings)
-
-
 def _box(text: str) -> tuple[int, int, int, int] | None:
     if not text:
         return None
@@ -199,16 +198,14 @@ def _box(text: str) -> tuple[int, int, int, int] | None:
     return numbers[0], numbers[1], numbers[2], numbers[3]
 
 
-def _require_picture_name(output: Path) -> None:
+def _require_outputs(output: Path, save_skin: Path | None) -> None:
+    """Check the output paths before the expensive work."""
     if output.suffix.lower() not in SUFFIXES:
         raise BadInput(f"--output {output}: a name that ends in {', '.join(SUFFIXES)} is expected")
-
-
-def _require_folder(path: Path | None) -> None:
-    """Check an output path before the expensive work."""
-    if path is not None and (not path.parent.is_dir() or path.is_dir()):
-        reason = "it is a folder" if path.is_dir() else "its folder does not exist"
-        raise BadInput(f"cannot write {path}: {reason}. Name a file in an existing folder")
+    for path in filter(None, (output, save_skin)):
+        if not path.parent.is_dir() or path.is_dir():
+            reason = "it is a folder" if path.is_dir() else "its folder does not exist"
+            raise BadInput(f"cannot write {path}: {reason}. Name a file in an existing folder")
 
 
 def _save_skin(tracker: "Tracker", path: Path) -> None:

@@ -15,12 +15,12 @@ from common.messages import ProcessState
 from common.text import plural
 from common.tracker_choice import TrackerChoice
 from observer.camera.live import LiveCamera
-from observer.preview.sight import Picture, Sighting
+from observer.preview.small_picture import Sighting
 from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
 from observer.tracking.skin import SkinHistogram
-from observer.tracks import Frame, FrameSource, SeenPeople, State, Tracker, Tracks
+from observer.tracks import Frame, FrameSource, Picture, SeenPeople, State, Tracker, Tracks
 
 DARK, BRIGHT = 45.0, 215.0
 """Mean grey levels (0 to 255) below and above which colours are lost."""

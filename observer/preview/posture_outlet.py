@@ -11,7 +11,7 @@ from common.fall_messages import TRACKS_LIMIT, PostureMessage
 from common.subsession import Publisher
 from common.wire import encode
 from observer.lying import LyingReader
-from observer.preview.sight import Sighting
+from observer.preview.small_picture import Sighting
 from observer.tracks import Floats
 
 HEARTBEAT_NS = SECOND_NS // 2

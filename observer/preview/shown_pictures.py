@@ -15,8 +15,7 @@ from common.wire import encode
 from observer.preview.clip_folder import ClipFolder
 from observer.preview.clips import VerdictClips
 from observer.preview.posture_outlet import PostureOutlet
-from observer.preview.sight import MotionExtent, Sighting
-from observer.preview.small_picture import encode_jpeg, small_picture
+from observer.preview.small_picture import MotionExtent, Sighting, encode_jpeg, small_picture
 from observer.runtime.pipeline import Posterior
 from observer.runtime.service import ObserverAround, ObserverLike
 from observer.tracks import Frame, Tracks

@@ -1,4 +1,4 @@
-"""The picture that shows what a tracker sees: marks, skeleton and states drawn into it, and as a JPEG of bounded size.
+"""What an observer sees in one frame, and the picture of it: marks, skeleton and states; a JPEG of bounded size.
 
 The live picture, clips, `look` and the demo's film show the same.
 """
@@ -11,8 +11,10 @@ from typing import Self
 import cv2
 import numpy as np
 
-from observer.preview.sight import Picture, Sighting
-from observer.tracks import Floats, SeenPeople, State, Tracks
+from observer.tracks import Floats, Picture, SeenPeople, State, Tracks
+
+MOTION_MARGIN = 0.15
+"""Margin about recorded motion, as a share of the person's extent."""
 
 Colour = tuple[int, int, int]
 """Blue, green, red, 0 to 255."""
@@ -50,6 +52,43 @@ QUALITIES = (75, 60, 45, 30, 20)
 """JPEG qualities, tried in this order until a picture is small enough."""
 SMALLER_SCALE = 0.7
 """Scale of a picture that is too large even at the lowest quality."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """One frame as an observer saw it. picture: None for motion without pictures, which `extent` places (2, 2).
+
+    tracks: of `body_parts`, in px of the picture or in any unit without one. captured_ns: of the frame.
+    """
+
+    picture: Picture | None
+    tracks: Tracks
+    body_parts: Sequence[str]
+    captured_ns: int
+    extent: Floats | None = None
+
+
+class MotionExtent:
+    """The extent of all motion so far; it never shrinks, so that the scale of the picture stays steady.
+
+    corners: (2, 2); None before any motion was seen.
+    """
+
+    def __init__(self) -> None:
+        self._person_size = 0.0
+        self.corners: Floats | None = None
+
+    def widen(self, centres: Floats) -> None:
+        """Take in (P, 2) centres, NaN where not seen."""
+        seen = centres[np.isfinite(centres).all(axis=1)]
+        if not len(seen):
+            return
+        self._person_size = max(self._person_size, float(np.linalg.norm(seen[:, None] - seen[None], axis=-1).max()))
+        margin = MOTION_MARGIN * self._person_size
+        corners = np.array([seen.min(axis=0) - margin, seen.max(axis=0) + margin])
+        if self.corners is not None:
+            corners = np.array([np.minimum(corners[0], self.corners[0]), np.maximum(corners[1], self.corners[1])])
+        self.corners = corners
 
 
 def small_picture(sighting: Sighting, side_px: int) -> Picture:

@@ -10,6 +10,7 @@ from common.errors import BadInput
 from observer.geometry.projection import Floats, oriented
 from observer.rendering.body import HEAD
 from observer.rendering.figure import Appearance, ClothHull, Shape, SkinEllipsoid, complexion
+from observer.tracks import Picture
 
 NEAREST = 0.05
 """Least depth in metres of a point that can be drawn."""
@@ -67,8 +68,6 @@ class PinholeCamera:
         g = WB.T @ Wv
         return pixel, WB, Wv, WB.T @ WB - np.outer(g, g) / float(Wv @ Wv)
 
-
-Picture = NDArray[np.uint8]
 
 SUBPIXEL_BITS = 4
 NOBODY_VALUE = 255

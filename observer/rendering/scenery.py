@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
-from observer.rendering.canvas import Picture
 from observer.rendering.figure import Bgr
+from observer.tracks import Picture
 
 BACKGROUNDS = ("plain", "cluttered", "skin_toned")
 """A bare wall; shelves and boxes of many colours, none like skin; a beige wall and wood with hues near skin."""

@@ -14,10 +14,10 @@ from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.body import Stature, pose, stature
-from observer.rendering.canvas import NOBODY_VALUE, Canvas, Picture, PinholeCamera, draw
+from observer.rendering.canvas import NOBODY_VALUE, Canvas, PinholeCamera, draw
 from observer.rendering.figure import Appearance, appearance_of, shapes
 from observer.rendering.scenery import Scenery, add_noise, background
-from observer.tracks import BODY_PARTS, Frame
+from observer.tracks import BODY_PARTS, Frame, Picture
 
 
 class Renderer:

@@ -7,18 +7,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from observer.tracking.skin import Picture, SkinHistogram
+from observer.tracking.skin import Picture, SkinHistogram, SkinPatch
 from observer.tracks import Floats
-
-
-@dataclass(frozen=True, slots=True)
-class SkinPatch:
-    """A connected piece of skin. centre: (2,) px. area: px² of skin colour. moved: share that moved, 0 to 1."""
-
-    centre: Floats
-    area: float
-    moved: float = 0.0
-
 
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 0.5)
 SKIN = 110

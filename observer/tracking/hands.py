@@ -4,18 +4,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer.tracking.acquisition import (
+from observer.tracking.back_projection import BackProjection, Mask
+from observer.tracking.kalman import (
+    GATE,
+    HAND_ACCELERATION,
     LEFT,
     RIGHT,
-    HandAcquisition,
     HandednessEvidence,
-    RestingHands,
+    TrackedPart,
+    assign,
     name_first,
     name_second,
     name_two,
 )
-from observer.tracking.back_projection import BackProjection, Mask, SkinPatch
-from observer.tracking.kalman import GATE, HAND_ACCELERATION, TrackedPart, assign
+from observer.tracking.skin import HandAcquisition, RestingHands, SkinPatch
 from observer.tracks import Floats, State
 
 HAND = (0.06, 0.6)

@@ -1,4 +1,4 @@
-"""One body part over time: its Kalman filter, gating, assignment of measurements, and its state."""
+"""One body part over time: Kalman filter, gating, assignment and state; and which of two hands is the left one."""
 
 import math
 from collections import deque
@@ -163,3 +163,86 @@ class TrackedPart:
     def lose(self) -> None:
         """Mark the part as missing and forget its position."""
         self.filter, self.state = None, State.MISSING
+
+
+LEFT, RIGHT = 0, 1
+"""Rows of the hands, in the order of `observer.tracks.BODY_PARTS`."""
+
+
+def name_two(centres: Sequence[Floats]) -> dict[int, int]:
+    """Two new hands, centres (2,) px: row -> index into `centres`. The hand on the picture's left is the right hand."""
+    right = int(centres[1][0] < centres[0][0])
+    return {RIGHT: right, LEFT: 1 - right}
+
+
+def name_first(centre: Floats, head: Floats, margin: float) -> int | None:
+    """One new hand while none is tracked: the row of its side of the head; None within `margin` px of the head."""
+    offset = float(centre[0] - head[0])
+    if abs(offset) < margin:
+        return None
+    return RIGHT if offset < 0 else LEFT
+
+
+def name_second(centre: Floats, known: Floats, row: int, head: Floats, margin: float) -> tuple[bool, bool]:
+    """One new hand while the hand of `row` is tracked at `known` (2,) px: (accept it, exchange the two names).
+
+    It is accepted on its own side of the other hand or of the head. If both hands are on each other's side of the head
+    by more than `margin` px, the tracked hand took the lost hand's name in a crossing, and the names are exchanged.
+    """
+    outwards = -1.0 if row == LEFT else 1.0  # the side of the missing hand
+    new, old = outwards * float(centre[0] - head[0]), outwards * float(known[0] - head[0])
+    if new < -margin and old > margin:
+        return True, True
+    return new > old or new > margin, False
+
+
+AMBIGUOUS = 6.0
+"""Difference of squared distances below which the other hand's filter explains a measurement almost as well."""
+SEPARATION = (0.6, 2.0)
+"""Horizontal distance of the hands, face widths: less tells nothing about their sides, more counts as this much."""
+MOST, INITIAL, DECISIVE = 3.0, 0.25, 0.08
+"""Evidence for the names, face widths times seconds: its maximum, its value for new hands, the value that decides."""
+
+
+class HandednessEvidence:
+    """Evidence that the two hands have the right names, and when to exchange them.
+
+    The filters carry the names through a crossing. When two hands meet and part, crossing and turning back look alike;
+    then anatomy decides: the left hand is rarely for long on the right hand's right.
+    """
+
+    def __init__(self) -> None:
+        self._evidence = INITIAL
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the names may be exchanged."""
+        return self._evidence < DECISIVE
+
+    def add_assignment(self, cost: Floats, columns: Sequence[int | None]) -> None:
+        """cost: (2, N) squared distances from LEFT and RIGHT. columns: the measurement assigned to each, or None."""
+        left, right = columns
+        worse = [cost[1 - row, column] - cost[row, column] for row, column in enumerate(columns) if column is not None]
+        both = left is not None and right is not None
+        # The names of two measured hands are exchanged together or not at all.
+        if worse and (sum(worse) if both else min(worse)) < AMBIGUOUS:
+            self._evidence = min(self._evidence, 0.0)
+
+    def add_merge(self) -> None:
+        """Note that the hands were one piece of skin: whether they crossed was not visible."""
+        self._evidence = min(self._evidence, 0.0)
+
+    def exchange(self, left: Floats, right: Floats, face: float, seconds: float) -> bool:
+        """Whether to exchange the names of two seen hands, centres (2,) px, after `seconds` more; face: width, px."""
+        separation = float(left[0] - right[0]) / face
+        if abs(separation) > SEPARATION[0]:
+            step = min(max(separation, -SEPARATION[1]), SEPARATION[1]) * seconds
+            self._evidence = min(self._evidence + step, MOST)
+        if self._evidence > -DECISIVE:
+            return False
+        self._evidence = DECISIVE
+        return True
+
+    def reset(self) -> None:
+        """A hand was acquired and named anew."""
+        self._evidence = INITIAL

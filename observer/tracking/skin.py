@@ -1,6 +1,7 @@
-"""Skin colour of the person in front of the camera: a histogram of hue and saturation, and its back-projection."""
+"""The person's skin: a histogram of hue and saturation, its back-projection, and pieces of skin that are new hands."""
 
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -154,3 +155,105 @@ class SkinHistogram:
             if numbers.shape != shape or not (np.isfinite(numbers).all() and (numbers >= 0).all()):
                 raise BadInput(f"{path}: shape {numbers.shape} or values below zero; {expected}")
         return cls(skin, rest, value)
+
+
+@dataclass(frozen=True, slots=True)
+class SkinPatch:
+    """A connected piece of skin. centre: (2,) px. area: px² of skin colour. moved: share that moved, 0 to 1."""
+
+    centre: Floats
+    area: float
+    moved: float = 0.0
+
+
+CANDIDATE_FRAMES, PRESENT_S = 3, 0.13
+"""A candidate is accepted after this many frames in a row, or after two that are as far apart as three of 15 Hz."""
+LEAP, SPEED = 1.2, 18.0
+"""Farthest that a candidate may move between two frames, face widths; in frames that are rare, face widths per s: as
+far as that at 15 Hz, some 2.7 m/s."""
+MOVED_SHARE = 0.3
+"""Least share of a candidate's pixels that moved, in each of its frames: a lamp or a cupboard does not move."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A patch, and for how many frames in a row, and seconds, it was present."""
+
+    patch: SkinPatch
+    frames: int = 1
+    seconds: float = 0.0
+
+    @property
+    def is_lasting(self) -> bool:
+        """Whether it was present for long enough to be a hand."""
+        return self.frames >= CANDIDATE_FRAMES or (self.frames > 1 and self.seconds >= PRESENT_S)
+
+
+class HandAcquisition:
+    """Remembers candidates from frame to frame."""
+
+    def __init__(self) -> None:
+        self._candidates: list[Candidate] = []
+
+    def update(self, patches: Sequence[SkinPatch], face: float, seconds: float) -> list[SkinPatch]:
+        """Patches that may be hands -> the accepted ones, best first.
+
+        face: face width, px. seconds: since the frame before.
+        """
+        candidates, reach = [], max(LEAP, SPEED * seconds) * face
+        previous = list(self._candidates)
+        for patch in patches:
+            if patch.moved < MOVED_SHARE:
+                continue
+            near = [c for c in previous if _distance(c.patch.centre, patch.centre) < reach]
+            candidate = Candidate(patch)
+            if near:
+                nearest = min(near, key=lambda c: _distance(c.patch.centre, patch.centre))
+                previous = [c for c in previous if c is not nearest]
+                candidate = Candidate(patch, nearest.frames + 1, nearest.seconds + seconds)
+            candidates.append(candidate)
+        self._candidates = candidates
+        best_first = sorted(candidates, key=lambda c: (-c.frames, -c.patch.area))
+        return [c.patch for c in best_first if c.is_lasting]
+
+    def forget(self) -> None:
+        """Drop all candidates."""
+        self._candidates = []
+
+
+HANGING = ((0.6, 2.6), (3.0, 6.5))
+"""Where hands hang: distances beside and below the middle of the head, face widths."""
+REST_S, TREMBLE = 0.6, 0.3
+"""A hanging hand is accepted after this long, if it stays within this many face widths."""
+
+
+class RestingHands:
+    """Finds a hand that does not move: the only skin where a hand hangs, on its side of the body, for a while."""
+
+    def __init__(self) -> None:
+        self._candidates: dict[int, tuple[Floats, float]] = {}
+
+    def update(self, pieces: Sequence[SkinPatch], head: Floats, face: float, seconds: float) -> dict[int, SkinPatch]:
+        """All skin patches of a frame -> accepted hanging hands, by side: -1 the picture's left, 1 its right."""
+        accepted, candidates = {}, {}
+        for side in (-1, 1):
+            patches = [p for p in pieces if _hangs((p.centre - head) * (side, 1) / face)]
+            if len(patches) != 1:
+                continue
+            centre = patches[0].centre
+            start, since_s = self._candidates.get(side, (centre, 0.0))
+            stayed = _distance(start, centre) < TREMBLE * face
+            candidates[side] = (start, since_s + seconds) if stayed else (centre, 0.0)
+            if candidates[side][1] >= REST_S:
+                accepted[side] = patches[0]
+        self._candidates = candidates
+        return accepted
+
+
+def _hangs(offset: Floats) -> bool:
+    (left, right), (top, bottom) = HANGING
+    return bool(left < offset[0] < right and top < offset[1] < bottom)
+
+
+def _distance(one: Floats, other: Floats) -> float:
+    return float(np.hypot(*(one - other)))

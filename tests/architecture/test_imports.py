@@ -96,7 +96,6 @@ PURE_ALL_THE_SAME = (
     "observer.tracking.person_keeper",
     "observer.tracking.company",
     "observer.tracking.people",
-    "observer.preview.sight",
     "observer.preview.track_doubts",
 )
 ALLOWED = {

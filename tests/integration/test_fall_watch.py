@@ -18,7 +18,7 @@ from hub.session import SceneListener
 from observer.geometry.projection import project
 from observer.geometry.views import parse_view
 from observer.preview.posture_outlet import PostureOutlet
-from observer.preview.sight import Sighting
+from observer.preview.small_picture import Sighting
 from observer.tracks import WHOLE_BODY, PersonTracks, Tracks
 from studies.performer.perform import PEOPLE
 

@@ -22,8 +22,7 @@ from observer.preview import clip_folder
 from observer.preview.clip_folder import DAY_NS, MB, ClipFolder
 from observer.preview.clips import PENDING_CLIPS_LIMIT, VerdictClips, motion_jpeg
 from observer.preview.shown_pictures import PicturedObserver
-from observer.preview.sight import Sighting
-from observer.preview.small_picture import encode_jpeg, small_picture
+from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
 from observer.tracking.pose import WHOLE_BODY
 from observer.tracks import BODY_PARTS, Frame, PersonTracks, Tracks
 

@@ -8,13 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.preview.sight import MotionExtent, Sighting
 from observer.preview.small_picture import (
     DOT_PX,
     FOLLOWED,
     OTHER,
     STATE_COLOUR,
+    MotionExtent,
     Placement,
+    Sighting,
     fitting,
     plain,
     small_picture,

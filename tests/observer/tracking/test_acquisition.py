@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.tracking.acquisition import HandAcquisition
-from observer.tracking.back_projection import SkinPatch
+from observer.tracking.skin import HandAcquisition, SkinPatch
 
 FACE = 20.0
 
