@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.body import USUAL_NOISE
 from observer.model.base import Example, Shown, Stream, evenly_spread, recording_numbers
 from observer.model.body_trace import hop_of, resampled
-from observer.stillness import USUAL_NOISE
 from observer.tracks import Floats32, Integers
 
 RECOGNISABLE = 0.35
