@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from message_stage import judgement, posterior, reason_of, verdict, vote
 
 from common.config_people import PeopleConfig
-from common.errors import BadInput
 from common.floor_place import FloorPlace
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.teaching_messages import TaughtPlace, TeachReply, TeachRequest
@@ -80,5 +79,5 @@ def test_people_have_the_names_of_the_scene_file_and_then_numbers():
     ],
 )
 def test_names_that_cannot_be_are_refused_in_a_line(fields, text):
-    with pytest.raises(BadInput, match=text):
+    with pytest.raises(ValueError, match=text):
         PeopleConfig(**fields)
