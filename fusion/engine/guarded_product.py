@@ -9,7 +9,6 @@ and a few numbers, as the probabilities of the hypotheses, are plain Python. Tes
 """
 
 import math
-import sys
 from functools import cache, lru_cache
 from typing import NamedTuple
 
@@ -38,7 +37,7 @@ CERTAIN_MASS = 0.03
 """Two observers are certain if their mean posterior leaves less than this to all labels but one."""
 LEAST_SIZE = np.array(1e-12)
 """Nats; a posterior whose log ratios to the prior add up to less carries no information."""
-MOST_FINITE = int(math.log(sys.float_info.max) / math.log(LABELS_LIMIT))
+MOST_FINITE = int(math.log(np.finfo(np.float64).max) / math.log(LABELS_LIMIT))
 """The product of more likelihood ratios, each at most LABELS_LIMIT, may overflow."""
 NATS_TO_BITS = 1.0 / math.log(2.0)
 ZERO, ONE, D0_SQUARED, TINY, EXPONENT = map(np.array, (0.0, 1.0, PARTICIPATION_BITS**2, SMALLEST, GAMMA - 1.0))

@@ -24,6 +24,7 @@ from common.messages import (
 )
 from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
+from common.wire import SIZE_LIMIT
 from fusion.engine.guarded_product import NATS_TO_BITS, TINY
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -34,8 +35,8 @@ Stamp = Mapping[str, Any]
 """The fields of a message that say who publishes it, and when: fusion, seq, at_ns, epoch, session."""
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this in any probability votes for no label."""
-FACING_CELLS_LIMIT = 8192
-"""Cells (M, K) of all facings together that votes carry; more would not fit into a message."""
+FACING_CELLS_LIMIT = SIZE_LIMIT // 8
+"""Cells (M, K), of up to two bytes, of all facings together that votes carry; more may not fit into a message."""
 
 
 @dataclass(slots=True)

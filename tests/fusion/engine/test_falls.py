@@ -1,5 +1,6 @@
 """The stages of the watch for falls, from the evidence of several observers."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,30 +31,28 @@ def test_who_lies_for_long_enough_has_fallen_and_gets_up_again():
     assert result[25] == result[39] == result[45] == "fallen" and result[-1] == "up"
 
 
-def test_who_lies_for_a_moment_has_not_fallen():
-    assert "fallen" not in stages(*every(0, 1, 0.0), *every(1, 2.3, 0.9), *every(2.3, 5, 0.1))
+CASES = {
+    "lies for a moment": ([(1.3, 0.9), (2.7, 0.1)], {"up", "low"}),
+    "one of two sees that": ([(8, [1.0, 0.2])], {"up"}),
+    "two of five see that": ([(8, [1.0, 1.0, 0.0, 0.0, 0.0])], {"up"}),
+    "the only one that sees the person sees that": ([(8, [1.0, None])], {"up", "low", "fallen"}),
+    "both see that": ([(8, [1.0, 0.9])], {"up", "low", "fallen"}),
+    "is lost while they lie": ([(0.6, 0.9), (7.4, None)], {"up", "low", "fallen"}),
+    "is lost after a glance": ([(0.1, 0.9), (7.9, None)], {"up", "low"}),
+}
+
+
+@pytest.mark.parametrize(("story", "seen"), CASES.values(), ids=CASES)
+def test_after_a_second_in_which_the_person_is_up(story, seen):
+    """story: for how many seconds which evidence; seen: the stages that follow one another."""
+    moments, at_s = every(0, 1, [0.0] * 5), 1.0
+    for seconds, p in story:
+        moments += every(at_s, at_s := at_s + seconds, p)
+    assert set(result := stages(*moments)) == seen and ("fallen" not in seen or result[-1] == "fallen")
 
 
 def test_who_lies_from_the_start_has_not_fallen():
     assert set(stages(*every(0, 9, 0.9))) == {"unknown"}
-
-
-def test_one_of_two_that_see_the_person_is_not_enough_and_the_only_one_is():
-    assert "low" not in stages(*every(0, 1, [0.0, 0.0]), *every(1, 9, [1.0, 0.2]))
-    assert stages(*every(0, 1, [0.0, 0.0]), *every(1, 9, [1.0, None]))[-1] == "fallen"
-    assert stages(*every(0, 1, [0.0, 0.0]), *every(1, 9, [1.0, 0.9]))[-1] == "fallen"
-
-
-def test_two_of_five_are_not_enough():
-    assert "low" not in stages(*every(0, 1, [0.0] * 5), *every(1, 9, [1.0, 1.0, 0.0, 0.0, 0.0]))
-
-
-def test_a_person_who_is_lost_while_they_lie_still_lies():
-    assert stages(*every(0, 1, 0.0), *every(1, 1.6, 0.9), *every(1.6, 9, None))[-1] == "fallen"
-
-
-def test_a_glance_before_the_person_is_lost_is_no_fall():
-    assert "fallen" not in stages(*every(0, 1, 0.0), *every(1, 1.1, 0.9), *every(1.1, 9, None))
 
 
 def test_an_alarm_does_not_end_because_nobody_is_seen():
