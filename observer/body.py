@@ -46,10 +46,6 @@ class BodyReach:
         pairs = pairs or [(a, b, TORSO_SHARE) for b in range(len(row)) for a in range(b)]
         self._ends = np.array([[pair[0] for pair in pairs], [pair[1] for pair in pairs]])
         self._shares = np.array([pair[2] for pair in pairs])
-        self.forget()
-
-    def forget(self) -> None:
-        """Start anew, with another person."""
         self._last: list[float] = []
 
     @property
@@ -104,17 +100,12 @@ class Stillness:
         self._half_s, self._memory = self._half / rate_hz, round(TREMBLING_S * rate_hz)
         self._every = max(round(EVERY_S * rate_hz), 1)
         self._reach = BodyReach(body_parts)
-        self.forget()
-
-    def forget(self) -> None:
-        """Start anew, with another person."""
         self._window: Floats = np.full((2 * self._half, self._parts, 2), np.nan)
         self._jerks: Floats = np.full((self._parts, self._memory), np.nan)
         self._measured, self._usual = np.zeros(self._parts), np.full(self._parts, USUAL_NOISE)
         self._frames, self._size = 0, math.nan
         self.probability = 0.5
         """In the newest frame; 0.5 while nothing is known."""
-        self._reach.forget()
 
     def update(self, tracks: Tracks, size: float | None = None) -> float:
         """P(still) after one more frame. size: the body's in the image, NaN while unknown; None: found here."""
@@ -185,10 +176,6 @@ class BodyAnchor:
         self._ends = np.array([[p[0] for p in points], [p[-1] for p in points]], np.int64)
         self._parts = len(body_parts)
         self._recent = max(round(STEADY_S * rate_hz), 1)
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget the place and what is known of the parts: another person may be seen now."""
         self.place: Floats = np.full(2, np.nan)
         self._offsets: Floats = np.full((max(self._ends.shape[1], 1), 2), np.nan)
         self._first: list[Floats] = []
@@ -244,9 +231,13 @@ class BodyFrame:
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
-        self._anchor, self._reach = BodyAnchor(body_parts, rate_hz), BodyReach(body_parts)
-        self._stillness = Stillness(body_parts, rate_hz)
-        self._rate_hz, self._unseen = rate_hz, 0
+        self._body_parts, self._rate_hz, self._unseen = body_parts, rate_hz, 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Start anew, with another person."""
+        self._anchor, self._reach = BodyAnchor(self._body_parts, self._rate_hz), BodyReach(self._body_parts)
+        self._stillness = Stillness(self._body_parts, self._rate_hz)
         self.origin: Floats = np.full(2, np.nan)
         """(2,) the origin of positions in the image; NaN until known."""
         self.size = math.nan
@@ -275,7 +266,7 @@ class BodyFrame:
         """
         self._unseen = 0 if tracks.visible.any() else self._unseen + 1
         if self._unseen > FORGET_PERSON_S * self._rate_hz:
-            self._forget()
+            self._begin()
         anchor, reach = self._anchor.update(tracks.centres), self._reach.update(tracks.centres)
         still = self._stillness.update(tracks, self.size)
         if not (reach <= self.size and self._reach.steady):
@@ -291,9 +282,3 @@ class BodyFrame:
     def _share(self, still: float, still_s: float, moving_s: float) -> float:
         """The share of a difference that is made up in this frame, by the time constants at rest and in movement."""
         return 1 - math.exp(-(still / still_s + (1 - still) / moving_s) / self._rate_hz)
-
-    def _forget(self) -> None:
-        self.origin, self.size = np.full(2, np.nan), math.nan
-        self._anchor.forget()
-        self._reach.forget()
-        self._stillness.forget()

@@ -54,7 +54,7 @@ class LyingReader:
     def __init__(self, body_parts: Sequence[str], borders: LyingBorders | None = None) -> None:
         self._borders = borders = borders or LyingBorders()
         self._steep, self._low = math.cos(math.radians(borders.lean_deg)), LEG * borders.height
-        row = {part: n for n, part in enumerate(body_parts)}
+        self._body_parts, row = tuple(body_parts), {part: n for n, part in enumerate(body_parts)}
         self._head = row.get("head")
         self._shoulders = [row[part] for part in ("left_shoulder", "right_shoulder") if part in row]
         self._hips = [row[part] for part in ("left_hip", "right_hip") if part in row]
@@ -86,7 +86,7 @@ class LyingReader:
         is_new = math.isnan(self._p) or not 0 <= passed_s <= GAP_S
         if is_new:
             self._size, self._p = math.nan, math.nan
-            self._reach.forget()
+            self._reach = BodyReach(self._body_parts)
         head = math.nan if self._head is None else rows[self._head][1]
         rise = hips - shoulders if math.isnan(head) else max(hips - shoulders, (hips - head) * HEAD_ABOVE_PELVIS)
         foot, knee = below[0] - hips, below[1] - hips

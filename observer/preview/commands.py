@@ -60,17 +60,19 @@ def look(
     from observer.camera.files import write_picture
     from observer.geometry.picture_size import size_advice
     from observer.geometry.views import parse_view
-    from observer.preview.looking import LastReport, look_at
+    from observer.preview.looking import look_at
     from observer.preview.small_picture import small_picture
 
     _require_outputs(output, save_skin)
     section = ObserverConfig(
         source=source, view=view, tracker=tracker, pose_model=pose_model, skin=skin, face=_box(face)
     )
-    last_report = LastReport()
-    opened, built, choice = _opened(section, recording, last_report, saves_skin=save_skin is not None)
+    reasons: list[str] = []
+    opened, built, choice = _opened(
+        section, recording, lambda _, reason: reasons.append(reason), saves_skin=save_skin is not None
+    )
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
-    report, sighting = look_at(opened, built, frames, name, choice, last_report)
+    report, sighting = look_at(opened, built, frames, name, choice, reasons)
     write_picture(output, small_picture(sighting, LOOK_SIDE_PX))
     if show:
         _show(sighting)

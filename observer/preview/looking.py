@@ -11,7 +11,6 @@ import numpy as np
 
 from common import SECOND_NS
 from common.errors import LabanmeshError
-from common.messages import ProcessState
 from common.text import plural
 from common.tracker_choice import TrackerChoice
 from observer.camera.live import LiveCamera
@@ -141,23 +140,12 @@ def _skin_advice(report: LookReport) -> Iterator[str]:
         yield "much of the picture has the colour of skin: change the background or the light, or --tracker mediapipe"
 
 
-class LastReport:
-    """A `Report` of a source that remembers the last reason."""
-
-    def __init__(self) -> None:
-        self.reason = ""
-
-    def __call__(self, state: ProcessState, reason: str) -> None:
-        """As a source calls it."""
-        self.reason = reason
-
-
 def look_at(
-    source: FrameSource, tracker: Tracker, frames: int, name: str, choice: TrackerChoice, last_report: LastReport
+    source: FrameSource, tracker: Tracker, frames: int, name: str, choice: TrackerChoice, reasons: Sequence[str]
 ) -> tuple[LookReport, Sighting]:
     """Track at most `frames` pictures of a source: what was found, and the newest picture as the tracker sees it.
 
-    name: of the source, for people. last_report: the source's report.
+    name: of the source, for people. reasons: what the source has reported of its camera.
 
     Raises LabanmeshError when a live camera delivers no picture within CAMERA_RESERVE_S, and what the source raises.
     """
@@ -166,7 +154,7 @@ def look_at(
         tracked.append((frame.captured_ns, frame.at_ns, tracker.update(frame)))
         faces.search(frame.content)
     if frame is None:
-        reason = last_report.reason or "the source delivered nothing"
+        reason = (reasons or [""])[-1] or "the source delivered nothing"
         raise LabanmeshError(f"{name}: no picture within {CAMERA_RESERVE_S:g} s: {reason}")
     picture, parts, live = frame.content, tracker.body_parts, isinstance(source, LiveCamera)
     captured_ns, at_ns, tracks = zip(*tracked, strict=True)

@@ -67,8 +67,9 @@ def record(options: RecordOptions) -> None:
     if bool(options.label) == options.other_motion:
         raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
     from common.lifecycle import log_to_stderr, stop_on_signals
+    from observer.motion.archive import MotionArchive
     from observer.motion.archive_file import read_archive, write_archive
-    from observer.recording.new_recording import NothingRecorded, appended
+    from observer.recording.new_recording import NothingRecorded
     from observer.recording.reconstruction import performer_axes
 
     log_to_stderr()
@@ -84,7 +85,7 @@ def record(options: RecordOptions) -> None:
         except NothingRecorded as nothing:
             typer.echo("\n".join(nothing.lines))
             raise
-        archive = appended(before, parts, recording)
+        archive = MotionArchive(parts, (*(before.recordings if before else ()), recording))
         write_archive(output, archive)
     typer.echo("\n".join(lines))
     seconds_added = len(recording.positions) / recording.rate_hz

@@ -100,11 +100,6 @@ def with_trial(blank: Recording, archive: MotionArchive | None, body_parts: tupl
     return replace(blank, trial=blank.trial or str(max((int(t) for t in trials if t.isdecimal()), default=0) + 1))
 
 
-def appended(archive: MotionArchive | None, body_parts: tuple[str, ...], recording: Recording) -> MotionArchive:
-    """The archive with one more recording, or a new archive with only this one."""
-    return MotionArchive(body_parts, (*(archive.recordings if archive else ()), recording))
-
-
 def build_recording(
     tracks: Sequence[CameraTracks],
     body_parts: Sequence[str],

@@ -84,24 +84,8 @@ class Canvas:
     owner: Picture
 
 
-@dataclass(frozen=True, slots=True)
-class DrawingBounds:
-    """The part of a picture from (left, top) to (right, bottom), exclusive."""
-
-    left: int
-    top: int
-    right: int
-    bottom: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.bottom - self.top, self.right - self.left
-
-    @property
-    def window(self) -> tuple[slice, slice]:
-        """The index of these pixels."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
+Window = tuple[slice, slice]
+"""The rows and columns of a part of a picture."""
 
 
 def draw(canvas: Canvas, camera: PinholeCamera, shapes: list[Shape], appearance: Appearance) -> None:
@@ -122,9 +106,10 @@ def _draw_cloth(canvas: Canvas, camera: PinholeCamera, cloth: ClothHull) -> None
     box = _box(canvas, rims.min(axis=0), rims.max(axis=0))
     if box is None:
         return
-    corners = (rims - (box.left, box.top)) * 2**SUBPIXEL_BITS
+    rows, columns = box
+    corners = (rims - (columns.start, rows.start)) * 2**SUBPIXEL_BITS
     outline = cv2.convexHull(np.rint(np.clip(corners, -(2**24), 2**24)).astype(np.int32))
-    mask = np.zeros(box.shape, np.uint8)
+    mask = np.zeros_like(canvas.owner[box])
     cv2.fillConvexPoly(mask, outline, 255, cv2.LINE_AA, SUBPIXEL_BITS)
     shade = _roundness(mask, float(radii.max()))
     colours = shade[..., None] * np.array(cloth.colour, np.float32)
@@ -152,8 +137,9 @@ def _draw_skin(canvas: Canvas, camera: PinholeCamera, skin: SkinEllipsoid, appea
     box = _box(canvas, pixel - reach, pixel + reach)
     if box is None:
         return
-    x = np.arange(box.left, box.right, dtype=np.float32) - np.float32(pixel[0])
-    y = np.arange(box.top, box.bottom, dtype=np.float32)[:, None] - np.float32(pixel[1])
+    rows, columns = box
+    x = np.arange(columns.start, columns.stop, dtype=np.float32) - np.float32(pixel[0])
+    y = np.arange(rows.start, rows.stop, dtype=np.float32)[:, None] - np.float32(pixel[1])
     outward = np.sqrt(conic[0, 0] * x * x + 2 * conic[0, 1] * x * y + conic[1, 1] * y * y)
     b = cross[0] * x + cross[1] * y
     along = -(b + np.sqrt(np.maximum(1.0 - outward**2, 0.0) * a)) / a
@@ -163,16 +149,14 @@ def _draw_skin(canvas: Canvas, camera: PinholeCamera, skin: SkinEllipsoid, appea
     _blend(canvas, box, alpha, colours, skin.part)
 
 
-def _blend(
-    canvas: Canvas, box: DrawingBounds, alpha: NDArray[np.float32], colours: NDArray[np.float32], part: int
-) -> None:
-    window = canvas.picture[box.window]
+def _blend(canvas: Canvas, box: Window, alpha: NDArray[np.float32], colours: NDArray[np.float32], part: int) -> None:
+    window = canvas.picture[box]
     behind = window.astype(np.float32)
     window[:] = np.clip(behind + alpha[..., None] * (colours - behind) + 0.5, 0.0, 255.0).astype(np.uint8)
-    canvas.owner[box.window][alpha > 0.5] = part
+    canvas.owner[box][alpha > 0.5] = part
 
 
-def _box(canvas: Canvas, low: Floats, high: Floats) -> DrawingBounds | None:
+def _box(canvas: Canvas, low: Floats, high: Floats) -> Window | None:
     """The pixels between two corners, clipped to the picture; None where there are none."""
     rows, columns = canvas.owner.shape
     left, top = (max(0, int(np.floor(value)) - 1) for value in np.clip(low, -1e6, 1e6))
@@ -180,4 +164,4 @@ def _box(canvas: Canvas, low: Floats, high: Floats) -> DrawingBounds | None:
         min(most, int(np.ceil(value)) + 2)
         for most, value in zip((columns, rows), np.clip(high, -1e6, 1e6), strict=True)
     )
-    return DrawingBounds(left, top, right, bottom) if left < right and top < bottom else None
+    return (slice(top, bottom), slice(left, right)) if left < right and top < bottom else None

@@ -76,10 +76,6 @@ class Corrector:
         self._replace(earlier, correction)
         return report
 
-    def forget(self) -> None:
-        """Forget which corrections were made."""
-        self._done.clear()
-
     def _replace(self, earlier: "_Correction | None", correction: "_Correction") -> None:
         self._done[correction.report.id] = correction
         if earlier is not None:

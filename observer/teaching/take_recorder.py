@@ -76,31 +76,11 @@ class TakeRecorder:
         self._recorder, self._takes = recorder, takes
         self._watched = watched_parts(recorder.body_parts)
         self._rows = [recorder.body_parts.index(part) for part in self._watched]
-        self._stream = StillnessStream(self._watched, recorder.rate_hz)
-        self._claps, self._people = ClapWatch(recorder.body_parts), PeopleCount()
+        self.stillness = StillnessStream(self._watched, recorder.rate_hz)
+        self.claps, self.people = ClapWatch(recorder.body_parts), PeopleCount()
         self._last: TakeReport | None = None
         self.current: CurrentTake | None = None
         """The take that is recorded now; None: nothing is."""
-
-    @property
-    def still(self) -> float:
-        """How probably the person stands still."""
-        return self._stream.probability
-
-    @property
-    def claps(self) -> int:
-        """How often somebody has clapped."""
-        return self._claps.count
-
-    @property
-    def people(self) -> int | None:
-        """How many people are in the picture now; None if the tracker does not tell."""
-        return self._people.now
-
-    @property
-    def side(self) -> Side | None:
-        """On which side of the picture the one is, among several people, whose tracks are recorded."""
-        return self._people.side
 
     @property
     def report(self) -> TakeReport | None:
@@ -120,25 +100,21 @@ class TakeRecorder:
         take = self._takes.take(request.label, str(request.take))
         return None if take is None else shown_tracks(take.positions, parts, take.rate_hz)
 
-    def count_people(self, at_ns: int, tracks: Tracks) -> None:
-        """Count who is in the picture, also while nobody teaches."""
-        self._people.update(at_ns, tracks)
-
     def step(self, at_ns: int, tracks: Tracks, complaint: str = "") -> None:
         """Take in one frame, which the recorder has, and whose people have been counted."""
-        self._claps.update(at_ns, tracks)
+        self.claps.update(at_ns, tracks)
         tracks = Tracks(tracks.centres[self._rows])
-        self._stream.update(at_ns, tracks)
+        self.stillness.update(at_ns, tracks)
         current = self.current
         if current is None:
             return
-        current.people = max(current.people, self._people.lasting)
-        current.side = self._people.side or current.side
+        current.people = max(current.people, self.people.lasting)
+        current.side = self.people.side or current.side
         if current.watch is None:
             if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
                 self._write_piece(current, at_ns)
             return
-        current.watch.update(at_ns, self._stream.probability, tracks, complaint)
+        current.watch.update(at_ns, self.stillness.probability, tracks, complaint)
         if current.watch.phase == "done":
             self._finish(current)
 
@@ -181,7 +157,7 @@ class TakeRecorder:
         """Note that no pictures come any more: a take fails at once; something else goes on when they come again."""
         current = self.current
         if current is not None and current.watch is not None:
-            current.watch.fail(LOST)
+            current.watch.end(LOST)
             self._finish(current)
 
     def _finish(self, current: CurrentTake) -> None:
@@ -231,7 +207,7 @@ class TakeRecorder:
 
 
 class PeopleCount:
-    """How many people are in the picture, now and for a while."""
+    """How many people are in the picture, now and for a while. now: None if the tracker does not tell."""
 
     def __init__(self) -> None:
         self.now: int | None = None

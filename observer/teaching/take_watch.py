@@ -73,12 +73,8 @@ class TakeWatch:
             if self._lasts(self._rests_since_ns, at_ns, needed_s) or self.seconds >= LONGEST_TAKE_S:
                 self._stop(at_ns, away)
 
-    def end(self) -> None:
-        """End the take with the newest frame, as the teacher asks."""
-        self.phase = "done"
-
-    def fail(self, fault: str) -> None:
-        """The take cannot be used."""
+    def end(self, fault: str = "") -> None:
+        """End the take with the newest frame; fault: why it cannot be used."""
         self.phase, self.fault = "done", fault
 
     def _wait(self, at_ns: int, complaint: str = "") -> None:
@@ -86,10 +82,9 @@ class TakeWatch:
         if self._lasts(self._moves_since_ns, at_ns, MOVES_S):
             self.phase = "moving"
         elif not self._seen and waited_s >= UNSEEN_S:
-            fault = complaint or "nobody was seen: stand where the camera sees head and hands"
-            self.phase, self.fault = "done", fault
+            self.end(complaint or "nobody was seen: stand where the camera sees head and hands")
         elif waited_s >= WAIT_S:
-            self.phase, self.fault = "done", f"nobody moved within {WAIT_S:g} s of the signal"
+            self.end(f"nobody moved within {WAIT_S:g} s of the signal")
 
     def _stop(self, at_ns: int, away: float | None) -> None:
         """The person rests: the movement has ended, or there was none yet and the take waits on."""

@@ -76,7 +76,7 @@ class Teaching:
     def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float) -> None:
         """Take in one frame, which the recorder has."""
         self._stepped_s, self._complaint, self._visible = now_s, complaint, bool(tracks.visible.any())
-        self._recording.count_people(at_ns, tracks)
+        self._recording.people.update(at_ns, tracks)
         if not self.is_taught(now_s):
             # Nobody teaches, and stillness costs time.
             self._recording.abandon()
@@ -185,7 +185,7 @@ class Teaching:
     def _forget(self, request: TeachRequest) -> ForgottenReport:
         unwanted = Unwanted(request.person, request.label, request.everything)
         self._recording.forget()
-        self._corrector.forget()
+        self._corrector = Corrector(self._recorder, self._takes)
         self._recorder.forget()
         models, clips, gone, faults = 0, 0, list[Recording](), []
         # What one of them cannot remove keeps nothing else.
@@ -221,7 +221,7 @@ class Teaching:
             fault=fault or (self._learner.fault if not self._learner.busy else ""),
             pictures=sees,
             visible=sees and self._visible,
-            still=self._recording.still if sees and self._visible else None,
+            still=self._recording.stillness.probability if sees and self._visible else None,
             complaint=complaint[:TEACHING_TEXT_LIMIT],
             take=self._recording.report,
             takes={label: takes[:TAKES_LIMIT] for label, takes in self._takes.takes.items() if LABEL.match(label)},
@@ -231,9 +231,9 @@ class Teaching:
             tracks=tracks,
             corrected=self._corrected,
             forgotten=self._forgotten,
-            people=self._recording.people if sees else None,
-            side=self._recording.side if sees else None,
-            claps=self._recording.claps,
+            people=self._recording.people.now if sees else None,
+            side=self._recording.people.side if sees else None,
+            claps=self._recording.claps.count,
             persons=_sayable_persons(self._takes.persons),
         )
 

@@ -73,7 +73,7 @@ class HandTracker:
             self._acquire_resting(image, head, face, seconds)
             self._acquire_moving([p for p in pieces if _outside(p.centre, head, GROWN * face)], head, face, seconds)
         else:
-            self._acquisition.forget()
+            self._acquisition = HandAcquisition()
 
     def _measured(self, image: BackProjection, head: Floats, face: float) -> list[SkinPatch]:
         """CAMshift from the prediction of each hand; none when the hands meet, since each would attract the other's."""
@@ -204,7 +204,7 @@ class HandTracker:
             self._acquire(row, hand, face)
 
     def _acquire(self, row: int, hand: SkinPatch, face: float) -> None:
-        self._handedness.reset()
+        self._handedness = HandednessEvidence()
         self.acquired.append(hand)
         self.parts[row].acquire(hand.centre, hand.area, face)
 

@@ -242,7 +242,3 @@ class HandednessEvidence:
             return False
         self._evidence = DECISIVE
         return True
-
-    def reset(self) -> None:
-        """A hand was acquired and named anew."""
-        self._evidence = INITIAL

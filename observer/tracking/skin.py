@@ -216,10 +216,6 @@ class HandAcquisition:
         best_first = sorted(candidates, key=lambda c: (-c.frames, -c.patch.area))
         return [c.patch for c in best_first if c.is_lasting]
 
-    def forget(self) -> None:
-        """Drop all candidates."""
-        self._candidates = []
-
 
 HANGING = ((0.6, 2.6), (3.0, 6.5))
 """Where hands hang: distances beside and below the middle of the head, face widths."""
