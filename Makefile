@@ -11,8 +11,11 @@ TRANSPORTS := .venv-transports
 # Where it is set, as in many containers, each of the hundreds of processes of a test run compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-# An environment with labanmesh in it: says how far it is, and what to do if it fails.
-environment = $(PYTHON) deploy/make_environment.py --target '$(or $(MAKECMDGOALS),$@)'
+# An environment with labanmesh in it; pip shows how far it is, and says why it fails.
+environment = $(PYTHON) -m venv $(@D) && $(@D)/bin/pip install --disable-pip-version-check -e
+# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
+no_windows = $(@D)/bin/python -c 'import cv2' 2>/dev/null || $(@D)/bin/pip install --disable-pip-version-check --force-reinstall --no-deps \
+	opencv-python-headless==$$($(@D)/bin/python -c "from importlib.metadata import version; print(version('opencv-contrib-python'))")
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-install test-mediapipe test-browser phone-files guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports surface check bench soak scale clean
@@ -106,17 +109,19 @@ clean:           ## remove all environments and everything built
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(VENV) '.[all,dev]'
+	@$(environment) '.[all,dev]'
 	@touch $@
 
 $(MEDIAPIPE)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("mediapipe 0.10.21 has wheels for Python 3.11 and 3.12 only, this is " + sys.version.split()[0] + ": make test-mediapipe PYTHON=python3.11") if not (3, 11) <= sys.version_info < (3, 13) else None'
-	@$(environment) $(MEDIAPIPE) '.[mediapipe,dev]' --no-windows
+	@$(environment) '.[mediapipe,dev]'
+	@$(no_windows)
 	@touch $@
 
 $(CAMERAS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(CAMERAS) '.[mediapipe,dashboard,mqtt,phone]' --no-windows
+	@$(environment) '.[mediapipe,dashboard,mqtt,phone]'
+	@$(no_windows)
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
@@ -126,10 +131,10 @@ $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
 
 $(PEERS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(PEERS) '.[peers,dev]'
+	@$(environment) '.[peers,dev]'
 	@touch $@
 
 $(TRANSPORTS)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
-	@$(environment) $(TRANSPORTS) '.[transports,all,dev]'
+	@$(environment) '.[transports,all,dev]'
 	@touch $@

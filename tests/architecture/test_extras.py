@@ -30,7 +30,7 @@ STARTED = {
     **{" ".join(key): form.module for key, form in OTHER_FORMS.items()},
 }
 NOT_VERBS = (
-    "labanmesh", "deploy.make_environment", "deploy.home-assistant.labanmesh.run", "observer.runtime.preflight",
+    "labanmesh", "deploy.home-assistant.labanmesh.run", "observer.runtime.preflight",
     "fusion.preflight",
     "labanmesh_testing.plugin",
 )  # fmt: skip

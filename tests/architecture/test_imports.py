@@ -68,7 +68,6 @@ IMPURE = {
         "*.commands *.instrumentation *.service common.health common.health_server common.interrupt "
         "common.lifecycle common.log_limit common.notify common.progress common.terminal common.tls "
         "deploy.doctor.broker deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher "
-        "deploy.make_environment "
         "hub.lan hub.phone.code_page hub.phone.serving "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.mqtt.broker "

@@ -203,7 +203,7 @@ class Environment:
         python = self.place / "bin" / "python"
         pip("install", f"{wheel}[{extras}]" if extras else wheel, python=python)
         if "mediapipe" in self.extras and subprocess.run([python, "-c", "import cv2"], check=False).returncode:
-            # As deploy/make_environment.py does where the system has no libGL.
+            # As the Makefile does where the system has no libGL.
             show = "from importlib.metadata import version; print(version('opencv-contrib-python'))"
             version = subprocess.run([python, "-c", show], check=True, capture_output=True, text=True).stdout.strip()
             wanted = f"opencv-python-headless=={version}"
