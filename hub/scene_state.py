@@ -168,6 +168,11 @@ class SceneState:
             return replace(self, judgement=message, received_ns=received_ns, vocabulary=coming, next_vocabulary=None)
         return replace(self, judgement=message, received_ns=received_ns)
 
+    def has_stage(self, fall: FallMessage) -> bool:
+        """Whether the last message on the falls of that person says the same stage."""
+        last = self.falls.get(fall.person or "")
+        return last is not None and (last.id, last.stage) == (fall.id, fall.stage)
+
     def reject(self) -> "SceneState":
         """The state after a message that was rejected."""
         return replace(self, rejected=self.rejected + 1)

@@ -39,7 +39,8 @@ LISTENER_END_S = 5.0
 
 @dataclass(frozen=True, slots=True)
 class SceneUpdate:
-    """The scene after `message`; None when time has passed, or the message was a copy or was rejected.
+    """The scene after `message`; None when time has passed, or the message was a copy, or was rejected, or repeats the
+    stage of the watch for falls.
 
     answered: it answers a query, and may be long past.
     """
@@ -126,7 +127,8 @@ class _Taken:
             return SceneUpdate(before, answered=answered)
         received_ns = min(now_ns, message.at_ns) if answered and isinstance(message, JudgementMessage) else now_ns
         self.state = before.fold(message, received_ns, role)
-        return SceneUpdate(self.state, None if self.state is before else message, answered)
+        is_old = self.state is before or (isinstance(message, FallMessage) and before.has_stage(message))
+        return SceneUpdate(self.state, None if is_old else message, answered)
 
     def _checked(self, key: str, payload: bytes, role: SenderRole, answered: bool) -> SceneMessage | None:
         """The message, None for one that says nothing new; raises BadMessage."""

@@ -131,13 +131,12 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
     """One line for each verdict, each revision and each score, each early word and its end, each stage of a fall, and
     for one judgement a second."""
     shown: dict[str, str] = {}
-    fall_stages: dict[str | None, str] = {}
     shown_ns, scored = 0, ""
     anticipation = Anticipation(certainty)
     for update in updates:
         for word in _early_words(anticipation, update):
             print(early_line(word), flush=True)
-        if isinstance(update.message, FallMessage) and _is_other_stage(update.message, fall_stages):
+        if isinstance(update.message, FallMessage):
             print(fall_line(update.message), flush=True)
         state = update.state
         match update.message:
@@ -162,24 +161,17 @@ def show_json(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:
     stage of the watch for falls is one of the kind `fall` when it changes.
     """
     anticipation = Anticipation(certainty)
-    fall_stages: dict[str | None, str] = {}
     for update in updates:
         for word in _early_words(anticipation, update):
             fields = asdict(word)
             print(json.dumps({"kind": fields.pop("stage"), **fields}), flush=True)
-        if isinstance(update.message, FallMessage) and _is_other_stage(update.message, fall_stages):
+        if isinstance(update.message, FallMessage):
             print(json.dumps({"kind": "fall", **json.loads(update.message.model_dump_json())}), flush=True)
         if isinstance(update.message, JudgementMessage):
             kind = "verdict" if isinstance(update.message, VerdictMessage) else "judgement"
             # pydantic writes NaN as null; json would write NaN, which other languages cannot read.
             fields = json.loads(update.message.model_dump_json())
             print(json.dumps({"kind": kind, **fields}), flush=True)
-
-
-def _is_other_stage(fall: FallMessage, stages: dict[str | None, str]) -> bool:
-    """Whether the stage of that person is another one than in `stages`, where it is noted."""
-    before, stages[fall.person] = stages.get(fall.person), fall.stage
-    return before != fall.stage
 
 
 def _early_words(anticipation: Anticipation, update: SceneUpdate) -> list[EarlyWord]:

@@ -38,7 +38,6 @@ def serve(
     keeper = HistoryKeeper(path, scene.history, time.monotonic, clock) if path else None
     notifying = Notifying(scene, time.monotonic, clock, pauses)
     supervisor = Notifier.from_environment()
-    stages: dict[str, str] = {}
     kept = f"history in {path}" if path else "no history"
     log.info("%s: %s; tells %s", scene.scene, kept, ", ".join(scene.notify) or "nobody")
     try:
@@ -46,7 +45,7 @@ def serve(
             for update in listen(scene, link, lambda: not stop.is_set(), clock, newest_only=True):
                 instrumentation.record(update)
                 message = update.message
-                if isinstance(message, VerdictMessage | FallMessage) and _is_new(message, stages):
+                if isinstance(message, VerdictMessage | FallMessage):
                     row = row_of(message)
                     if keeper is not None and row is not None:
                         keeper.add(row)
@@ -65,12 +64,3 @@ def require_something(scene: Scene) -> None:
     """Raises BadInput for a scene that keeps no history and tells nobody."""
     if not (scene.history.file or scene.notify):
         raise BadInput(f"scene {scene.scene}: {NOTHING_TO_DO}")
-
-
-def _is_new(message: VerdictMessage | FallMessage, stages: dict[str, str]) -> bool:
-    """Verdicts are, and stages of the watch for falls that do not repeat the one before."""
-    if isinstance(message, VerdictMessage):
-        return True
-    person, stage = message.person or "", f"{message.id} {message.stage}"
-    before, stages[person] = stages.get(person, ""), stage
-    return before != stage

@@ -3,6 +3,7 @@
 from itertools import count
 
 import pytest
+from played_scene import fall_of
 
 from common.config import read_scene
 from common.messages import VocabularyReference
@@ -44,6 +45,14 @@ def test_messages_arrive_in_order_and_once(scene, make, fake_link):
     arrivals = [(f"{ROOT}/{'verdict' if hasattr(each, 'id') else 'judgement'}", encode(each)) for each in messages]
     received = [each.message for each in listen(scene, fake_link((), arrivals), looks(1)) if each.message]
     assert received == [messages[0], messages[1], messages[3]]
+
+
+def test_a_stage_of_the_watch_for_falls_is_news_once_and_its_state_the_newest(scene, fake_link):
+    falls = [fall_of("low", lying=0.6), fall_of("low", lying=0.7), fall_of("fallen"), fall_of("fallen", 2)]
+    arrivals = [(f"{ROOT}/fall", encode(each)) for each in falls]
+    updates = list(listen(scene, fake_link((), arrivals), looks(1)))
+    assert [each.message for each in updates if each.message] == [falls[0], falls[2], falls[3]]
+    assert updates[1].state.fall.lying == 0.7
 
 
 def test_a_verdict_published_during_the_query_is_new_and_of_many_judgements_only_the_newest_is_decoded(
