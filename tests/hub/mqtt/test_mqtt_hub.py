@@ -28,6 +28,10 @@ def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
     config = json.loads(listener.last["homeassistant/event/labanmesh_room_VERDICT/config"])
     assert config["event_types"] == [*LABELS, "abstain"] and config["device"]["suggested_area"] == "Dojo"
     assert [each["topic"] for each in config["availability"]] == ["labanmesh/room/bridge", f"{T}/availability"]
+    age = json.loads(listener.last["homeassistant/sensor/labanmesh_room_OBSERVER_cam1_AGE/config"])
+    assert age["device"]["via_device"] == config["device"]["identifiers"][0] and age["availability_mode"] == "all"
+    own = f"{T}/observer/cam1/availability"
+    assert [each["topic"] for each in age["availability"]] == ["labanmesh/room/bridge", own]
     assert json.loads(listener.last[f"{T}/state"])["movement"] == "rest"
     listener.wait_for(lambda: json.loads(listener.last[f"{T}/state"])["confidence"] == 40)
     room.begin(1)
@@ -49,8 +53,11 @@ def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
         assert not late.events(f"{T}/verdict") and not late.events(f"{T}/ended"), "events are not retained"
         retained = {topic for _, topic, _, kept in late.messages if kept}
         assert f"{T}/state" in retained and f"{T}/availability" in retained
+    room.publish_verdict("nthrow", 2)
+    listener.wait_for_state(f"{T}/movement/nthrow", "ON")
     room.stop_judging()
     listener.wait_for_state(f"{T}/availability", "offline")
+    listener.wait_for_state(f"{T}/movement/nthrow", "OFF")
     assert running.end() == 0, running.log
     listener.wait_for_state("labanmesh/room/bridge", "offline")
     taken = subprocess.run(

@@ -76,60 +76,10 @@ def test_ids_are_legal_and_unique():
             ids.add(unique_id)
 
 
-def test_observers_hang_below_their_scene_and_need_the_hub_and_themselves():
-    configs = {t: json.loads(p) for t, p in discovery(TOPICS, scene_of(area="Dojo"), ("ok",), ()).items()}
-    assert len(configs) == 8 + 10 * len(OBSERVERS)
-    age, verdict = configs[sensor("OBSERVER_cam1_AGE")], configs["homeassistant/event/labanmesh_room_VERDICT/config"]
-    assert age["device"]["via_device"] == verdict["device"]["identifiers"][0]
-    assert age["availability_mode"] == "all" and age["entity_category"] == "diagnostic"
-    available = [TOPICS.bridge, TOPICS.observer("cam1", "availability")]
-    assert [each["topic"] for each in age["availability"]] == available
-    connected = configs["homeassistant/binary_sensor/labanmesh_room_OBSERVER_cam1_CONNECTED/config"]
-    assert [each["topic"] for each in connected["availability"]] == [TOPICS.bridge]
-    assert {each["device"]["suggested_area"] for each in configs.values()} == {"Dojo"}
-
-
 def test_words_that_may_be_null_are_unknown_in_home_assistant():
     configs = {t: json.loads(p) for t, p in discovery(TOPICS, scene_of(), ("ok",), ()).items()}
     for what, field in (("MOVEMENT", "movement"), ("OBSERVER_cam1_OPINION", "opinion"), ("LAST_VERDICT", "label")):
         assert configs[sensor(what)]["value_template"] == "{{ value_json." + field + " or 'unknown' }}"
-
-
-def test_verdicts_are_discovered_when_the_movements_are_known(driver, make):
-    config = "homeassistant/event/labanmesh_room_VERDICT/config"
-    assert config not in driver.due(0.0, vocabulary=None)
-    known = driver.due(1.0, make.judgement())
-    assert json.loads(known[config])["event_types"] == [*make.vocabulary().labels, "abstain"]
-    assert config not in driver.due(2.0, vocabulary=None), "an unknown vocabulary takes nothing away"
-
-
-def test_what_belongs_to_a_movement_follows_the_vocabulary(make):
-    driver, wave = Driver(make, movements=("*",)), TOPICS.config("device_automation", "RECOGNISED", "wave")
-    gone = {
-        TOPICS.config("device_automation", "RECOGNISED", "ok"),
-        TOPICS.config("binary_sensor", "DOES", "ok"),
-        TOPICS.movement("ok"),
-    }
-    driver.bridge.note_left(wave)
-    driver.bridge.note_left("homeassistant/binary_sensor/lamp/config")
-    before = driver.due(0.0, vocabulary=None)
-    assert wave not in before, "nothing is removed before the vocabulary is known"
-    first = driver.due(1.0, make.judgement())
-    assert gone <= set(first) and first[wave] == ""
-    trigger = json.loads(first[TOPICS.config("device_automation", "RECOGNISED", "ok")])
-    assert (trigger["topic"], trigger["payload"], trigger["subtype"]) == (TOPICS.of("verdict"), "ok", "ok")
-    assert trigger["device"] == json.loads(before[sensor("MOVEMENT")])["device"]
-    taught = make.vocabulary(("wave", "point_up"))
-    judgement = make.judgement().model_copy(update={"vocabulary": taught})
-    second = driver.due(2.0, judgement, vocabulary=taught)
-    assert (
-        all(second[topic] == "" for topic in gone)
-        and '"point up"' in second[TOPICS.config("device_automation", "RECOGNISED", "point_up")]
-    )
-    assert json.loads(second[wave])["payload"] == "wave" and TOPICS.movement("wave") in second
-    driver.bridge.forget()
-    again = driver.due(3.0, judgement, vocabulary=taught)
-    assert {topic for topic, payload in again.items() if payload == ""} >= gone
 
 
 def test_without_a_change_only_what_expires_is_repeated(driver, make):
@@ -221,14 +171,6 @@ def test_an_event_waits_for_the_broker_but_not_for_ever(driver, make):
     assert len(driver.events(50.0)) == VERDICTS_WAIT_LIMIT and bridge.left_out == 3
 
 
-def test_a_verdict_from_before_is_no_event(driver, make):
-    driver.bridge.receive(make.verdict(1), 0.0, answered=True)
-    assert "nthrow" in driver.due(0.0)[TOPICS.of("last_verdict")] and driver.events() == []
-    driver.bridge.receive(make.verdict(1, ended_ns=make.NOON), 1.0)
-    driver.due(1.0)
-    assert driver.events(1.0) == [("ended", "nthrow", "ended")]
-
-
 def test_a_verdict_from_while_the_hub_was_away_is_an_event_if_it_is_fresh(make):
     stale, known, missed = (make.verdict(n, at_ns=make.NOON + s * make.SECOND) for n, s in ((1, -60), (2, -5), (3, -1)))
     for said_ns, count in ((known.at_ns, 1), (stale.at_ns - make.SECOND, 2), (None, 0)):
@@ -294,25 +236,6 @@ def test_an_ended_verdict_has_its_score_and_others_have_none(make):
     assert verdict_event(none, "ended")["unscored"] == "its begin was not seen"
 
 
-def test_an_early_word_is_an_event_and_so_is_its_end(make):
-    driver, unsure = Driver(make, movements=(), certainty=0.55), (0.1, 0.2, 0.2, 0.5)
-    config = driver.due(0.0, make.moving(p=unsure))["homeassistant/event/labanmesh_room_EARLY/config"]
-    assert json.loads(config)["state_topic"] == TOPICS.of("early") and driver.bridge.next_event(0.0) is None
-    driver.due(0.0, make.moving())
-    event = json.loads(driver.bridge.next_event(0.0).payload)
-    assert (event["id"], event["confidence"]) == ("v1", 60)
-    assert driver.events() == [("early", "nthrow", "early")]
-    driver.bridge.receive(make.verdict(1, ended_ns=make.NOON, label="ok"), 1.0)
-    driver.due(1.0, make.judgement())
-    ends = [("early", "ok", "corrected"), ("verdict", "ok", "decided"), ("ended", "ok", "ended")]
-    assert driver.events(1.0) == ends
-    driver.due(1.9, make.moving(number=2, p=unsure))
-    driver.due(2.0, make.moving(number=2))
-    for now_s in (3.0, 4.0):
-        driver.due(now_s, make.judgement())
-    assert driver.events(4.0) == [("early", "nthrow", "early"), ("early", "abstain", "withdrawn")]
-
-
 @pytest.mark.parametrize(
     "payload", [b"", b"x", b"[]", b'{"said_ns": "1"}', b"\xff", b"null", b"[" * 100_000], ids=range(7)
 )
@@ -337,14 +260,6 @@ def test_an_observer_is_present_while_frames_or_statuses_arrive(driver, make):
     driver.bridge.forget()
     due = driver.due(3.0, make.judgement(votes=votes))
     assert due[TOPICS.observer("cam2", "availability")] == "online", "its frames arrive; it needs no status"
-
-
-def test_without_fusion_the_scene_is_offline_and_no_movement_is_on(driver, make):
-    state = driver.state(make.moving(decided="nthrow"))
-    driver.due_in(0.0, state)
-    gone = driver.due_in(2.0, state.at(make.NOON + 2 * make.SECOND))
-    assert gone[TOPICS.of("availability")] == "offline" and gone[TOPICS.movement("nthrow")] == "OFF"
-    assert json.loads(gone[TOPICS.observer("cam2", "state")])["weight"] is None
 
 
 def test_a_fault_in_the_listening_thread_is_raised(scene, fake_link):
