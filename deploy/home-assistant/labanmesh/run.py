@@ -125,12 +125,12 @@ def _broker(options: Options, root: Path, supervisor: str, stop: threading.Event
     password.write_text(broker.get("password") or "", "utf-8")
     settings = {
         "HOST": broker["host"],
-        "PORT": broker.get("port") or (8883 if broker.get("ssl") else 1883),
-        "USERNAME": broker.get("username") or "",
-        "PASSWORD_FILE": str(password) if broker.get("password") else "",
+        "PORT": broker.get("port"),
+        "USERNAME": broker.get("username"),
+        "PASSWORD_FILE": broker.get("password") and password,
         "TLS": str(bool(broker.get("ssl"))).lower(),
     }
-    return {f"LABANMESH_HUB_MQTT_{key}": str(value) for key, value in settings.items()}
+    return {f"LABANMESH_HUB_MQTT_{key}": str(value) for key, value in settings.items() if value}
 
 
 def _broker_service(supervisor: str, stop: threading.Event) -> Options:
