@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from common.config_events import HistoryConfig, NotifyConfig
-from common.config_input import faults_of, override
+from common.config_input import faults_of, override, without_faults
 from common.config_people import PeopleConfig
 from common.config_sections import (
     FusionConfig,
@@ -194,7 +194,8 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        faults += [f"{path}: {line}" for line in faults_of(error, Scene)]
+        others = _inconsistencies(table, error) if _has_observers(error) else ()
+        faults += [f"{path}: {line}" for line in (*faults_of(error, Scene), *others)]
     except Faults as error:
         faults += [f"{path}: {line}" for line in error.faults]
     if faults:
@@ -203,6 +204,24 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
     models = (os.environ if environment is None else environment).get(MODELS_VARIABLE)
     scene._models = expand_home(models) if models else None
     return scene
+
+
+def _inconsistencies(table: Mapping[str, Any], error: ValidationError) -> Sequence[str]:
+    """The faults of keys that do not fit each other, besides those of `error`."""
+    for _ in range(2):  # a required key that is left out is missing then
+        table = without_faults(table, error)
+        try:
+            Scene.model_validate(table)
+        except Faults as faults:
+            return faults.faults
+        except ValidationError as again:
+            error = again
+    return ()
+
+
+def _has_observers(error: ValidationError) -> bool:
+    """Whether no observer is faulty as a whole, so that their number is known."""
+    return not any(fault["loc"][0] == "observers" and len(fault["loc"]) < 3 for fault in error.errors())
 
 
 def _parse(path: Path) -> dict[str, Any]:

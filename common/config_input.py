@@ -6,6 +6,7 @@ LABANMESH_OBSERVERS_CAM1_SPEED. Lists are separated by commas; a `-` in an obser
 
 import re
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from fnmatch import fnmatchcase
 from typing import Any, get_args
 
@@ -36,6 +37,20 @@ def faults_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """
     faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
     return [_line(fault, model) for fault in faults]
+
+
+def without_faults(table: Mapping[str, Any], error: ValidationError) -> dict[str, Any]:
+    """A copy of `table` whose other keys can be checked: faulty ones are left out, and a required one is "x"."""
+    copy: dict[Any, Any] = deepcopy(dict(table))
+    for fault in error.errors():
+        section: dict[int | str, Any]
+        section, *deeper = copy, *fault["loc"]
+        while len(deeper) > 1 and isinstance(section.get(deeper[0]), dict):
+            section = section[deeper.pop(0)]
+        section.pop(deeper[0], None)
+        if fault["type"] == "missing":
+            section[deeper[0]] = "x"
+    return copy
 
 
 def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping[str, str]) -> list[str]:

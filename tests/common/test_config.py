@@ -179,13 +179,14 @@ def test_line_ends_and_the_mark_of_other_editors_are_read(tmp_path):
     ("more", "faults"),
     [
         (
-            "speed = -1\nsped = 1\nsorce = 1\n[fusion]\nruel = 1\n[mesh]\ncredentials = 'mesh'",
+            "speed = -1\nsped = 1\nsorce = 1\n[fusion]\nruel = 1\nquorum = 9\n[mesh]\ncredentials = 'mesh'",
             [
                 "observers.cam1.sped:",
                 "observers.cam1.sorce:",
                 "fusion.ruel:",
                 "mesh.credentials",
                 "observers.cam1.speed",
+                "fusion.quorum = 9",
             ],
         ),
         (
