@@ -51,7 +51,7 @@ def _evaluate(whole: "MotionArchive", settings: "EvaluationSettings", options: E
     """
     from common.parallel import cores
     from studies.evaluate import require_fits, results_of
-    from studies.observing import Extent, observe_folds
+    from studies.observing import observe_folds
     from studies.output_files import require_writable, write_text
     from studies.report import as_json, draw_streams, prepare_report, write_report
     from studies.report_text import as_text, resolved_pairs
@@ -64,7 +64,7 @@ def _evaluate(whole: "MotionArchive", settings: "EvaluationSettings", options: E
         require_writable(options.json, "--json")
     require_fits(settings)
     with ProgressBar() as bar:
-        folds = observe_folds(whole, settings, Extent(streams=streams), bar, jobs)
+        folds = observe_folds(whole, settings, bar, jobs, streams=streams)
         judged = judge_observed(folds, settings, bar, jobs) if streams else None
         result = results_of(folds, settings)
     figures = as_json(result) | ({"stream": judged.as_json()} if judged else {})

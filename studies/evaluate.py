@@ -22,7 +22,7 @@ from studies.fusion_engine import (
     pool_many,
     steady_trusts,
 )
-from studies.observing import Extent, ObservedFold, OutputCourse, learn_observer, observe_folds
+from studies.observing import ObservedFold, OutputCourse, learn_observer, observe_folds
 from studies.sensors import frames_at_fractions
 from studies.settings import EvaluationSettings, Progress, check_names, folds_of, onset_of, trials_of
 from studies.trials import EvaluationTrial, Split
@@ -96,7 +96,7 @@ def evaluate(
     jobs: the number of processes to share the work.
     """
     require_fits(settings)
-    return results_of(observe_folds(archive, settings, Extent(), progress, jobs), settings)
+    return results_of(observe_folds(archive, settings, progress, jobs), settings)
 
 
 def require_fits(settings: EvaluationSettings) -> None:

@@ -56,14 +56,6 @@ class OutputCourse:
         return OutputCourse(self.p[frames], self.rest[frames], self.visible[frames], self.unlearned[frames], facing)
 
 
-@dataclass(frozen=True, slots=True)
-class Extent:
-    """What observers watch: the trials, the streams, or both."""
-
-    trials: bool = True
-    streams: bool = False
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class FoldPart:
     """One observer's part of one fold. train: what it learns from; trials: None where it has no recording."""
@@ -115,14 +107,19 @@ class ObservedFold:
 def observe_folds(
     archive: MotionArchive,
     settings: EvaluationSettings,
-    extent: Extent,
     progress: Progress = lambda *_: None,
     jobs: int = 1,
+    *,
+    trials: bool = True,
+    streams: bool = False,
 ) -> list[ObservedFold]:
-    """Learn and observe all folds; raises BadInput for unknown labels, subjects, body parts and models."""
-    shown = (*settings.labels, *settings.unlearned) if extent.streams else settings.labels
+    """Learn all folds and observe the trials, the streams, or both.
+
+    Raises BadInput for unknown labels, subjects, body parts and models.
+    """
+    shown = (*settings.labels, *settings.unlearned) if streams else settings.labels
     splits = folds_of(archive, settings, shown)
-    folds = [_watched(archive, split, settings, number, extent) for number, split in enumerate(splits)]
+    folds = [_watched(archive, split, settings, number, trials, streams) for number, split in enumerate(splits)]
     parts = [
         _part_of(split, fold, settings, number, v)
         for number, (split, fold) in enumerate(zip(splits, folds, strict=True))
@@ -134,18 +131,18 @@ def observe_folds(
 
 
 def _watched(
-    archive: MotionArchive, split: Split, settings: EvaluationSettings, number: int, extent: Extent
+    archive: MotionArchive, split: Split, settings: EvaluationSettings, number: int, trials: bool, streams: bool
 ) -> ObservedFold:
     """The trials and streams of a fold, not observed yet."""
-    trials = trials_of(split, settings, number) if extent.trials else []
-    streams: Sequence[Recording] = ()
-    if extent.streams:
-        streams = continuous(archive, {r.subject for r in split.test}) or strung(split.test, _rng(settings, number))
+    people = {r.subject for r in split.test}
+    moving: Sequence[Recording] = ()
+    if streams:
+        moving = continuous(archive, people) or strung(split.test, _rng(settings, number))
     learned = (*settings.labels, *(settings.background or ()))
     n_train = sum(r.label in learned for r in split.train.recordings)
-    own = without_movement(archive, {r.subject for r in split.test}) if extent.streams else ()
-    other = (*own, *settings.other_motion)
-    return ObservedFold(trials, (*streams, *other), len(other), (), n_train)
+    other = (*(without_movement(archive, people) if streams else ()), *settings.other_motion)
+    shown = trials_of(split, settings, number) if trials else []
+    return ObservedFold(shown, (*moving, *other), len(other), (), n_train)
 
 
 def _rng(settings: EvaluationSettings, number: int) -> np.random.Generator:

@@ -16,7 +16,7 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.runtime.pipeline import Posterior, PosteriorEncoder
 from studies.evaluate import fusion_of
 from studies.fusion_engine import FusionEngine, step
-from studies.observing import Extent, ObservedFold, OutputCourse, observe_folds
+from studies.observing import ObservedFold, OutputCourse, observe_folds
 from studies.settings import EvaluationSettings, Progress
 from studies.spotting import JudgedStream, StreamResult, StreamScores, StreamVerdict, total_score
 
@@ -37,7 +37,7 @@ def judge_streams(
     archive: MotionArchive, settings: EvaluationSettings, progress: Progress = lambda *_: None
 ) -> dict[str, Any]:
     """Judge the test people's streams: continuous recordings as they are, else their recordings strung together."""
-    folds = observe_folds(archive, settings, Extent(trials=False, streams=True), progress)
+    folds = observe_folds(archive, settings, progress, trials=False, streams=True)
     return judge_observed(folds, settings, progress).as_json()
 
 

@@ -31,7 +31,7 @@ def replay(
         Path | None, typer.Option(metavar="SCENE", help="Play it onto the mesh of this scene file instead of judging.")
     ] = None,
     speed: Annotated[
-        float, typer.Option(min=0, max=1000, help="With --onto: a factor; 0 is as fast as possible.")
+        float, typer.Option(min=0.01, max=1000, help="With --onto: a factor, e.g. 4 for four times as fast.")
     ] = 1.0,
     only: Annotated[
         str, typer.Option(help="With --onto: all; or posteriors, for a fusion service that runs there.")

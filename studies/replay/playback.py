@@ -9,8 +9,7 @@ Sessions:
 Times:
 4. An observer's messages keep their age: captured as long before they are sent as in the recording. Messages of one
    session never have equal times, because fusion rejects a clock that stands still.
-5. Fusion's messages are shifted by one common offset, so that the messages about a verdict agree on its begin. Played
-   as fast as possible, they end now.
+5. Fusion's messages are shifted by one common offset, so that the messages about a verdict agree on its begin.
 6. Sessions get new names, because a replay is a new start of every process. At another speed, time spans scale.
 """
 
@@ -45,9 +44,6 @@ if TYPE_CHECKING:
 FUSION_TIMEOUT_S = 10.0
 HUB_TIMEOUT_S = 1.0
 """How long to wait for a subscriber: a fusion service is required, a hub is not."""
-MESSAGES_AT_ONCE = 64
-BURST_PAUSE_S = 0.001
-"""As fast as possible means this many messages at once: Zenoh drops messages under load."""
 VERDICTS_KEPT = 10
 """Verdicts that a late joiner gets, as from the fusion service."""
 QUERYABLE = ("judgement", "verdict", "status", "vocabulary")
@@ -65,7 +61,7 @@ SESSION_KEPT = 40
 
 @dataclass(frozen=True, slots=True)
 class PlaybackOptions:
-    """speed: a factor, 0 for as fast as possible."""
+    """speed: a factor above 0."""
 
     speed: float = 1.0
     posteriors_only: bool = False
@@ -73,13 +69,12 @@ class PlaybackOptions:
 
 @dataclass(slots=True)
 class TimeShift:
-    """New times for a capture from first_ns to last_ns, played from start_ns on; speed 0: as fast as possible.
+    """New times for a capture that begins at first_ns, played from start_ns on.
 
     scene: id of the scene onto whose mesh it is played; run: a suffix for the session ids of this playback.
     """
 
     first_ns: int
-    last_ns: int
     start_ns: int
     speed: float
     scene: str
@@ -88,7 +83,7 @@ class TimeShift:
 
     def due_ns(self, arrived_ns: int) -> int:
         """When to send a message that arrived at `arrived_ns` (rules 5 and 6)."""
-        return self.start_ns + round((arrived_ns - self.first_ns) / self.speed) if self.speed else self.start_ns
+        return self.start_ns + round((arrived_ns - self.first_ns) / self.speed)
 
     def payload(self, record: CaptureRecord, now_ns: int) -> bytes:
         """The bytes to send at `now_ns`; a message that cannot be decoded is sent unchanged."""
@@ -127,7 +122,7 @@ class TimeShift:
         return {"captured_ns": captured_ns, "sent_ns": sent_ns, "session": session}
 
     def _judgement(self, message: JudgementMessage) -> dict[str, Any]:
-        shifted: dict[str, Any] = {"at_ns": self._offset(message.at_ns)}
+        shifted: dict[str, Any] = {"at_ns": self.due_ns(message.at_ns)}
         if message.movement is not None:
             shifted["movement"] = message.movement.model_copy(update=self._movement(message.movement))
         return shifted | self._movement(message) if isinstance(message, VerdictMessage) else shifted
@@ -135,14 +130,11 @@ class TimeShift:
     def _movement(self, movement: OngoingMovement | VerdictMessage) -> dict[str, Any]:
         """The times of a movement, and its id, which contains its begin."""
         times = {name: getattr(movement, name, None) for name in ("began_ns", "decided_ns", "ended_ns")}
-        shifted = {name: self._offset(at_ns) for name, at_ns in times.items() if at_ns is not None}
+        shifted = {name: self.due_ns(at_ns) for name, at_ns in times.items() if at_ns is not None}
         return {**shifted, "id": f"{self.scene}-{shifted['began_ns'] // 1_000_000}"}
 
-    def _offset(self, at_ns: int) -> int:
-        return self.due_ns(at_ns) if self.speed else self.start_ns - (self.last_ns - at_ns)
-
     def _scaled(self, span_ns: int) -> int:
-        return round(span_ns / self.speed) if self.speed else span_ns
+        return round(span_ns / self.speed)
 
 
 @dataclass(slots=True)
@@ -151,7 +143,6 @@ class CaptureOutline:
 
     records: int = 0
     first_ns: int = 0
-    last_ns: int = 0
     vocabularies: dict[str, CaptureRecord] = field(default_factory=dict)
 
     @classmethod
@@ -160,7 +151,6 @@ class CaptureOutline:
         outline = cls()
         for record in capture.records():
             outline.first_ns = outline.first_ns or record.arrived_ns
-            outline.last_ns = max(outline.last_ns, record.arrived_ns)
             outline.records += 1
             if record.key.endswith("/vocabulary"):
                 outline.vocabularies.setdefault(record.key, record)
@@ -210,8 +200,8 @@ class _Player:
         self._times = self._start()
 
     def _start(self) -> TimeShift:
-        first_ns, last_ns, now_ns = self._outline.first_ns, self._outline.last_ns, time.time_ns()
-        return TimeShift(first_ns, last_ns, now_ns, self._options.speed, self._scene.scene, secrets.token_hex(4))
+        first_ns, speed = self._outline.first_ns, self._options.speed
+        return TimeShift(first_ns, time.time_ns(), speed, self._scene.scene, secrets.token_hex(4))
 
     def wait_for_subscribers(self) -> None:
         """Give subscribers time to connect (rule 2)."""
@@ -230,8 +220,6 @@ class _Player:
             if self._options.posteriors_only and not self._is_observers(record):
                 continue
             wait_s = (self._times.due_ns(record.arrived_ns) - time.time_ns()) / SECOND_NS
-            if not self._options.speed:
-                wait_s = 0 if number % MESSAGES_AT_ONCE else BURST_PAUSE_S
             if stop.wait(wait_s) if wait_s > 0 else stop.is_set():
                 break
             count += self._publish(record)

@@ -14,7 +14,7 @@ from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import evaluate as evaluate_command
 from studies.evaluate import EvaluationSettings, results_of
-from studies.observing import Extent, observe_folds
+from studies.observing import observe_folds
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
 from studies.spotting import JudgedStream, StreamResult, StreamVerdict
@@ -47,8 +47,7 @@ def test_several_processes_give_the_same_result_as_one(archive):
     """With streams and other motion."""
     other = (perform_continuously("4", ("byebye",), seed=2),)
     asked = replace(ASKED, other_motion=other, train_subjects=("1",), test_subjects=("2",), model="frame-table")
-    extent = Extent(streams=True)
-    one, two = (observe_folds(archive, asked, extent, jobs=jobs) for jobs in (1, 2))
+    one, two = (observe_folds(archive, asked, jobs=jobs, streams=True) for jobs in (1, 2))
     pairs = zip(*(results_of(folds, asked).trials for folds in (one, two)), strict=True)
     assert all((mine.fused == theirs.fused).all() for mine, theirs in pairs)
     assert judge_observed(one, asked).as_json() == judge_observed(two, asked).as_json()
@@ -57,7 +56,7 @@ def test_several_processes_give_the_same_result_as_one(archive):
 @pytest.fixture(scope="module")
 def observed(archive):
     """What the observers output."""
-    return observe_folds(archive, ASKED, Extent())
+    return observe_folds(archive, ASKED)
 
 
 def test_the_first_word_is_said_within_the_movement_and_counted(observed):

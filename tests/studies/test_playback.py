@@ -62,12 +62,12 @@ def put(key, message, arrived_ns):
 
 
 def moving(speed=1.0, scene="dojo"):
-    return TimeShift(THEN, THEN + 10 * SECOND, NOW, speed, scene, "run")
+    return TimeShift(THEN, NOW, speed, scene, "run")
 
 
 @given(
     arrivals=st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**8), st.integers(0, 10**7)), max_size=20),
-    speed=st.sampled_from((0.0, 0.5, 1.0, 8.0)),
+    speed=st.sampled_from((0.5, 1.0, 8.0)),
 )
 def test_posteriors_keep_their_age_and_no_two_are_dated_alike(arrivals, speed):
     times, last, now_ns, at_ns = moving(speed), None, NOW, THEN
@@ -78,7 +78,7 @@ def test_posteriors_keep_their_age_and_no_two_are_dated_alike(arrivals, speed):
         moved = decode(PosteriorMessage, times.payload(put(POSTERIOR, message, at_ns), now_ns))
         assert moved.captured_ns <= moved.sent_ns
         if last is None or moved.captured_ns > last.captured_ns + 1:
-            assert abs((now_ns - moved.captured_ns) * (speed or 1) - age_ns - way_ns) <= 2 * max(speed, 1)
+            assert abs((now_ns - moved.captured_ns) * speed - age_ns - way_ns) <= 2 * max(speed, 1)
         if last is not None:
             assert moved.captured_ns > last.captured_ns and moved.sent_ns > last.sent_ns
         assert moved.session == "s-run"
@@ -99,13 +99,6 @@ def test_the_messages_of_one_verdict_agree(speed, shift_ns, scale):
     going = judgement(THEN, movement=OngoingMovement(id="dojo-1", began_ns=THEN + SECOND))
     going = decode(JudgementMessage, times.payload(put(JUDGEMENT, going, THEN), NOW))
     assert (going.movement.id, going.movement.began_ns, going.movement.decided_ns) == (first.id, first.began_ns, None)
-
-
-def test_as_fast_as_possible_the_messages_of_fusion_end_now():
-    times = moving(0.0)
-    moved = decode(JudgementMessage, times.payload(put(JUDGEMENT, judgement(THEN + 9 * SECOND), THEN), NOW))
-    assert moved.at_ns == NOW - SECOND
-    assert times.due_ns(THEN + 9 * SECOND) == NOW
 
 
 def test_a_status_gets_the_current_time_and_bad_messages_stay_unchanged():
@@ -208,7 +201,7 @@ def test_everything_is_played_without_fusion_also_to_late_joiners(write):
             if done == 6:
                 answers.update(hub.ask("other/dojo/**", SOON_S))
 
-        assert play(write(*WHOLE), scene, PlaybackOptions(speed=0), threading.Event(), late) == 4
+        assert play(write(*WHOLE), scene, PlaybackOptions(speed=100), threading.Event(), late) == 4
         received = [arrival.key for arrival in taken(inbox, 4)]
     assert received == ["other" + r.key.removeprefix("laban") for r in WHOLE if r.kind == "put"]
     assert answers.keys() == {f"other{r.key.removeprefix('laban')}" for r in (WHOLE[0], WHOLE[3], WHOLE[4])}

@@ -9,7 +9,7 @@ from observer.runtime.pipeline import Posterior
 from observer.runtime.send_on_change import SendOnChange
 from studies.evaluate import EvaluationSettings
 from studies.fusion_engine import FusionEngine, step
-from studies.observing import Extent, observe_folds
+from studies.observing import observe_folds
 from studies.performer import perform
 from studies.stream import observed_stream
 
@@ -43,7 +43,7 @@ def test_verdicts_are_the_same_within_a_step_with_less_sent():
     first, *others = sorted({r.subject for r in archive.recordings})
     people = {"train_subjects": tuple(others), "test_subjects": (first,)}
     settings = EvaluationSettings(views, labels_of(archive)[:6], **people, onset_known=False, calibrated=False)
-    (fold,) = observe_folds(archive, settings, Extent(trials=False, streams=True))
+    (fold,) = observe_folds(archive, settings, trials=False, streams=True)
     assert fold.vocabulary.labels == settings.labels
     assert set(fold.vocabulary.movements) == set(settings.labels), "durations, as a service has them"
     for stream in [observed_stream(*part, fold.vocabulary) for part in fold.stream_courses]:

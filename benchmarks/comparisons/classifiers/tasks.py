@@ -25,7 +25,7 @@ from observer.motion.projected import view_of
 from observer.tracks import BODY_PARTS
 from studies.evaluate import EvaluationSettings, Progress
 from studies.evaluated_archives import ALL_PARTS, chosen_parts
-from studies.observing import Extent, observe_folds
+from studies.observing import observe_folds
 from studies.report import FRACTIONS
 from studies.sensors import performances, read_sensors
 from studies.stream import judge_observed
@@ -101,7 +101,7 @@ class StreamTask:
         for name, settings in self.sets.items():
             watch = _under(progress, f"{name}: ours")
             if options.ours:
-                folds = observe_folds(self.archive, settings, Extent(trials=False, streams=True), watch, options.jobs)
+                folds = observe_folds(self.archive, settings, watch, options.jobs, trials=False, streams=True)
                 ours = judge_observed(folds, settings, watch, options.jobs).as_json()
                 rows.append({"observers": name, "judged_by": "ours, fused", **ours})
             theirs = spot_streams(self.archive, settings, options, partial(progress, f"{name}: {SPOTTER}"))
