@@ -19,7 +19,8 @@ def test_the_votes_of_an_observer_in_another_hour_have_their_true_age(replay, tm
         witness.wait_for(all_count, why="all count, the one with the wrong clock too")
         witness.wait_for(lambda w: w.last["votes"]["door"].get("skew_s") is not None, why="its clock is measured")
         judged(stage, witness, movements=8 if long_form else 1)
-        ages_s = [one["votes"]["door"]["age_s"] for one in witness.judgements[-60:]]
+        # On a busy machine there may be fewer since it counts.
+        ages_s = [one["votes"]["door"]["age_s"] for one in witness.judgements[-60:] if counted(one, "door")]
         # A busy machine delays some; a wrong clock would show in all.
         assert min(ages_s) >= 0 and median(ages_s) < 0.5, ages_s
         known = [s["observers"]["door"]["skew_s"] for s in witness.statuses if s["id"] == "fusion" and s["observers"]]
