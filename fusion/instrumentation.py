@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from common.health import FRESH_S, ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
+from common.messages import VerdictMessage
 from common.text import plural
 from fusion.membership import ASKING, STEPS_MISSED, SceneMember
-from fusion.scene_worker import StepResult
 
 if TYPE_CHECKING:
     from fusion.metrics import FusionMetrics
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 class ServerStep:
     """One step of the loop.
 
-    results: of each scene that was due. owned: scenes that this service owns. received, read: posteriors that arrived
+    published: the verdicts. owned: scenes that this service owns. received, read: posteriors that arrived
     in this step, and those that were decoded. dropped: posteriors left out since the start. took_s: its duration.
     """
 
-    results: Sequence[StepResult]
+    published: Sequence[VerdictMessage]
     owned: int
     received: int
     read: int

@@ -49,7 +49,6 @@ class FusionMetrics(Metrics):
             "fusion", {"fusion": own} if only is None else {"scene": only.scene.scene, "fusion": own}, status
         )
         self._only = only
-        self._judgement: JudgementMessage | None = None
         self._owned, self._dropped = 0, 0
         self._verdicts: Tally[str] = Tally()
         self._decided: dict[str, str] = {}
@@ -58,10 +57,6 @@ class FusionMetrics(Metrics):
         self._received = self.counter("posteriors_received", "Posteriors that arrived, used or not.")
         self._read = self.counter("posteriors_read", "Posteriors that were read: of a flood only the newest are.")
         self._ended = self.counter("movements_ended", "Movements that have ended, in all scenes of this service.")
-        self._unheard = self.counter(
-            "movements_unheard", "Movements that had begun, without a verdict because of an outage."
-        )
-        self._undecided: dict[str, str] = {}
         self._revised = self.counter("verdicts_revised", "Decided labels that another label replaced.")
         self._delay = self.histogram(
             "verdict_delay_seconds", "From a movement's begin to its first decision.", AGE_BUCKETS
@@ -73,22 +68,8 @@ class FusionMetrics(Metrics):
         self._received.inc(step.received)
         self._read.inc(step.read)
         self._steps.observe(step.took_s)
-        for result in step.results:
-            if result.output is not None:
-                self._judgement = result.output.judgement
-                self._note_unheard(result.output.judgement, result.published)
-            for verdict in result.published:
-                self._record(verdict)
-
-    def _note_unheard(self, judgement: JudgementMessage, published: Sequence[VerdictMessage]) -> None:
-        """A movement without a verdict that another one follows at once began afresh (segmenter.py, rule 9)."""
-        movement, before = judgement.movement, self._undecided.pop(judgement.scene, "")
-        if judgement.epoch is None or movement is None:
-            return
-        if before not in ("", movement.id) and all(verdict.id != before for verdict in published):
-            self._unheard.inc()
-        if movement.label is None:
-            self._undecided[judgement.scene] = movement.id
+        for verdict in step.published:
+            self._record(verdict)
 
     def _record(self, verdict: VerdictMessage) -> None:
         judged = f"{verdict.scene}/{verdict.person or ''}"
@@ -114,10 +95,11 @@ class FusionMetrics(Metrics):
         labels = dict.fromkeys((*current, ABSTAIN, *self._verdicts))
         verdicts = [((label,), float(self._verdicts[label])) for label in labels]
         yield self.total("verdicts", "Movements that have ended, by their verdict.", verdicts, "label")
-        if self._judgement is not None:
-            yield from self._of(self._judgement)
+        judgement = None if self._only.worker is None else self._only.worker.judgement
+        if judgement is not None:
+            yield from self._of(judgement)
             if status is not None and status.observers is not None:
-                yield from self._rejected(status, self._judgement)
+                yield from self._rejected(status, judgement)
 
     def _of(self, judgement: JudgementMessage) -> "Iterable[Metric]":
         yield self.gauge("entropy_bits", "Of the pooled posterior: 0 is certain.", [((), judgement.certainty_bits)])

@@ -12,7 +12,7 @@ from common.status import ProcessStatus
 from common.subsession import SubSession
 from common.vocabulary import Vocabulary
 from fusion.checkpoint import FORGET_S, NOTHING_LEARNED, Checkpoint, CheckpointFile
-from fusion.engine.engine import EngineOutput, FusionEngine
+from fusion.engine.engine import FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.engine.roster import POOLED_STATES
 from fusion.ingest import PosteriorIngest
@@ -62,6 +62,8 @@ class PersonWorker:
         """Of the movements of other services that go on here, the ids under which this one had ended them, if any."""
         self._unreconciled: UnreconciledMovement | None = None
         self._waiting: bool | None = None
+        self.judgement: JudgementMessage | None = None
+        """The last one that was made here, published or not."""
 
     @property
     def at_rest(self) -> bool:
@@ -83,26 +85,26 @@ class PersonWorker:
 
     def finish(
         self, now_ns: int, case: PoolingCase, pooled: PooledPosterior, vocabulary: bytes
-    ) -> tuple[EngineOutput, Sequence[VerdictMessage]]:
+    ) -> Sequence[VerdictMessage]:
         """Fuse what `collect` returned, and publish the result if this service owns the scene.
 
-        pooled: the pooled posterior of the case. vocabulary: its message. Returns the result, and the verdicts that
-        were published. A standby service withholds its verdicts: the owner publishes them, or, if the owner stops,
-        this service.
+        pooled: the pooled posterior of the case. vocabulary: its message. Returns the verdicts that were published. A
+        standby service withholds its verdicts: the owner publishes them, or, if the owner stops, this service.
         """
         owns = self._duty.owns
         self.engine.epoch = self._duty.epoch if owns else None
         output = self.engine.output_for(case.posteriors, now_ns, pooled)
+        self.judgement = output.judgement
         if self._unreconciled is not None and owns:
             self._unreconciled.record_message(output.judgement)
         self._withheld += map(self._named, output.verdicts)
         # While the router is away, verdicts wait, and judgements with them.
         if not owns or (not self._is_reachable() and self._withheld):
-            return output, ()
+            return ()
         published, self._withheld = self._withheld, []
         self.publisher.publish(published, output.judgement, vocabulary, self._ticks())
         self._log_waiting(output.judgement)
-        return output, published
+        return published
 
     def stand_down(self) -> None:
         """Stop publishing, because another service is the owner: see reconciliation.py."""

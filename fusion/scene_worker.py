@@ -21,7 +21,7 @@ from common.status import ProcessStatus
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode_vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
-from fusion.engine.engine import EngineOutput, FusionEngine
+from fusion.engine.engine import FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.ingest import NEWEST, PosteriorIngest, newest
 from fusion.people import ScenePeople
@@ -51,14 +51,6 @@ class StepInput:
     def cases(self) -> list[PoolingCase]:
         """The cases to pool."""
         return [case for _, _, case in self.each]
-
-
-@dataclass(frozen=True, slots=True)
-class StepResult:
-    """The second half of a step: the first person's result, if there is one, and the verdicts that were published."""
-
-    output: EngineOutput | None = None
-    published: Sequence[VerdictMessage] = ()
 
 
 class SceneWorker:
@@ -154,17 +146,21 @@ class SceneWorker:
                     each.append((worker, now_ns, case))
         return StepInput(len(arrivals), len(read), each)
 
-    def finish(self, step: StepInput, pools: Iterator[PooledPosterior]) -> StepResult:
-        """Fuse what `collect` returned, and publish the results if this service owns the scene.
+    def finish(self, step: StepInput, pools: Iterator[PooledPosterior]) -> list[VerdictMessage]:
+        """Fuse what `collect` returned, and publish the results if this service owns the scene; the verdicts published.
 
         pools: the next ones are the pooled posteriors of the step's cases.
         """
-        results = [
-            worker.finish(now_ns, case, pooled, self._vocabulary)
+        return [
+            verdict
             for (worker, now_ns, case), pooled in zip(step.each, pools, strict=False)
+            for verdict in worker.finish(now_ns, case, pooled, self._vocabulary)
         ]
-        published = [verdict for _, verdicts in results for verdict in verdicts]
-        return StepResult(results[0][0] if results else None, published)
+
+    @property
+    def judgement(self) -> JudgementMessage | None:
+        """The last one on the first person."""
+        return self._first.judgement
 
     def read_clocks(self) -> None:
         """Ask for the observers' clocks if it is due, and take the answers; after a step, when no listener waits."""

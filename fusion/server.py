@@ -21,6 +21,7 @@ from common.errors import LabanmeshError
 from common.inbox import Arrival
 from common.keys import scene_of
 from common.link import Link
+from common.messages import VerdictMessage
 from common.notify import Notifier
 from common.status import STATUS_EVERY_S
 from fusion.engine.pooling import pool_steps
@@ -30,7 +31,7 @@ from fusion.membership import SceneMember
 from fusion.ownership import Role
 from fusion.publisher import JudgementBatch, put_now
 from fusion.same_id import IdCheck
-from fusion.scene_worker import SceneWorker, StepInput, StepResult
+from fusion.scene_worker import SceneWorker, StepInput
 from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
@@ -144,14 +145,14 @@ class FusionServer:
         arrivals = self._take()
         begun_s = self._ticks()
         received = read = 0
-        results: list[StepResult] = []
+        published: list[VerdictMessage] = []
         # In batches, so that the posteriors of the first scenes do not grow old when many are due.
         for batch in _batched(self._due(_by_scene(arrivals)), BATCH):
             workers = [(member.current(self._ticks()), own) for member, own in batch]
             steps = [(worker, worker.collect(own)) for worker, own in workers if worker is not None]
             received += sum(step.received for _, step in steps)
             read += sum(step.read for _, step in steps)
-            results += _finished(steps)
+            published += _finished(steps)
             self._judgements_out.flush()
             # No listener waits for the rest.
             for worker, _ in steps:
@@ -165,7 +166,7 @@ class FusionServer:
             if all(member.at_rest for member in self.members):
                 self._steady.follow()
         owned = [member.ownership.role for member in self.members].count(Role.OWNER)
-        return ServerStep(results, owned, received, read, self.dropped, self._ticks() - begun_s)
+        return ServerStep(published, owned, received, read, self.dropped, self._ticks() - begun_s)
 
     def close(self, fault: str = "") -> None:
         """Leave all scenes. fault: why the service failed; "": it stops in order."""
@@ -258,11 +259,11 @@ class SteadyClock:
             self._offset_ns = offset_ns
 
 
-def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:
+def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[VerdictMessage]:
     """Pool all cases together, and finish each step."""
     pools = iter(pool_steps([case for _, step in steps for case in step.cases]))
     for worker, step in steps:
-        yield worker.finish(step, pools)
+        yield from worker.finish(step, pools)
 
 
 def _by_scene(arrivals: Iterable[Arrival]) -> dict[str, list[Arrival]]:

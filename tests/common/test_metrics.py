@@ -17,10 +17,8 @@ from common.lifecycle import JsonLines, as_json_line, formatter, log_to_stderr, 
 from common.messages import ObserverStatistics
 from deploy.commands import with_ports
 from deploy.launcher import Job
-from fusion.engine.engine import EngineOutput
 from fusion.instrumentation import ServerStep
 from fusion.metrics import FusionMetrics
-from fusion.scene_worker import StepResult
 from hub.metrics import HubMetrics
 from hub.scene_state import SceneState
 from observer.runtime.metrics import ObserverMetrics
@@ -111,21 +109,21 @@ def every_metric():
     """Every metric of observer, fusion and hub as Prometheus parses it, by role."""
     observer = ObserverMetrics("dojo", "cam1", full_status)
     observer.record_frame(0.1, 0.01, sent=True, skipped=2)
-    worker = SimpleNamespace(
+    last, later_ns = judgement(), 2 * SECOND_NS
+    member = SimpleNamespace(
         scene=SimpleNamespace(scene="dojo"),
+        worker=SimpleNamespace(judgement=last),
         vocabulary=NAMES,
         status=SimpleNamespace(status=lambda now_ns: full_status()),
     )
-    fusion, shared = FusionMetrics("fusion", worker), FusionMetrics("north", None)
-    last, later_ns = judgement(), 2 * SECOND_NS
+    fusion, shared = FusionMetrics("fusion", member), FusionMetrics("north", None)
     words = [
         verdict(label="lunge", began_ns=0, decided_ns=SECOND_NS),
         verdict(stage="revised", revises="lunge", began_ns=0, decided_ns=later_ns),
         verdict(revises="lunge", began_ns=0, decided_ns=later_ns, ended_ns=later_ns),
     ]
-    result = StepResult(EngineOutput(last, words), words)
     for metrics in (fusion, shared):
-        metrics.record(ServerStep([result], 1, 1, 1, 4, 0.01))
+        metrics.record(ServerStep(words, 1, 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
     hub.record(SceneState("dojo").fold(last, SECOND_NS), last)
     hub.record_connection(True)
