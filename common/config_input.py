@@ -69,7 +69,9 @@ def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping
             with noting(faults):
                 _write(table, place, _value(variable, environment[variable], field))
         elif variable.startswith(sections):
-            faults.append(f"{variable}: unknown environment variable; {nearest(variable, known)}")
+            removed = _removed(variable.removeprefix(PREFIX).lower())
+            rule = f"its key was removed, unset it; {removed}" if removed else ""
+            faults.append(f"{variable}: {rule or f'unknown environment variable; {nearest(variable, known)}'}")
     return faults
 
 
@@ -97,8 +99,9 @@ def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
 
 
 def _removed(key: str) -> str:
-    """What to do instead of a removed key; "" for any other."""
-    return next((instead for removed, instead in REMOVED_KEYS.items() if fnmatchcase(key, removed)), "")
+    """What to do instead of a removed key, or of its variable; "" for any other."""
+    plain = key.replace("_", ".")
+    return next((own for removed, own in REMOVED_KEYS.items() if fnmatchcase(plain, removed.replace("_", "."))), "")
 
 
 def _rule(message: str) -> str:

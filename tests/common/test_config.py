@@ -268,6 +268,7 @@ def test_the_environment_overrides(scene):
         ("LABANMESH_FUSION_THRESHOLD", "2", "LABANMESH_FUSION_THRESHOLD = '2': must be less than or equal to 1"),
         ("LABANMESH_FUSION_RULES", "log", "LABANMESH_FUSION_RULES: unknown environment variable; did you mean"),
         ("LABANMESH_OBSERVERS_CAM9_SPEED", "1", "LABANMESH_OBSERVERS_CAM9_SPEED: unknown environment variable"),
+        ("LABANMESH_OBSERVERS_CAM1_PREVIEW", "a", "LABANMESH_OBSERVERS_CAM1_PREVIEW: its key was removed, unset it; "),
         ("LABANMESH_MESH_MODE", "cloud", "LABANMESH_MESH_MODE = 'cloud': must be 'machine', 'router' or 'process'"),
     ],
 )

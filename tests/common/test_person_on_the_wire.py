@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from message_stage import judgement, posterior, reason_of, verdict, vote
 
+from common.config import read_scene
 from common.config_people import PeopleConfig
 from common.floor_place import FloorPlace
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
@@ -69,15 +70,17 @@ def test_people_have_the_names_of_the_scene_file_and_then_numbers():
 
 
 @pytest.mark.parametrize(
-    ("fields", "text"),
+    ("keys", "text"),
     [
-        ({"names": ("a", "b")}, "name no more, or set people.most = 2"),
-        ({"most": 2, "names": ("a", "a")}, "a name of their own"),
-        ({"most": 2, "names": ("2",)}, "a name of their own"),
-        ({"most": 2, "names": ("Left",)}, "a-z"),
-        ({"most": 2, "names": ("a" * 40,)}, "at most 32"),
+        ('names = ["a", "b"]', "name no more, or set people.most = 2"),
+        ('most = 2\nnames = ["a", "a"]', "a name of their own"),
+        ('most = 2\nnames = ["2"]', "a name of their own"),
+        ('most = 2\nnames = ["Left"]', "a-z"),
+        (f'most = 2\nnames = ["{"a" * 40}"]', "1 to 32 characters"),
     ],
 )
-def test_names_that_cannot_be_are_refused_in_a_line(fields, text):
-    with pytest.raises(ValueError, match=text):
-        PeopleConfig(**fields)
+def test_names_that_cannot_be_are_refused_in_a_line(tmp_path, keys, text):
+    (tmp_path / "s.toml").write_text(f'scene = "dojo"\n[people]\n{keys}\n[observers.cam1]\nsource = "m.npz"\n')
+    with pytest.raises(BadInput, match=rf"s\.toml: people\.names = .*{text}") as caught:
+        read_scene(tmp_path / "s.toml", {})
+    assert "\n" not in str(caught.value)
