@@ -173,11 +173,11 @@ class ArrivedVerdict:
     answered: bool
 
 
-def newly_decided(arrived: "deque[ArrivedVerdict]") -> list[str]:
-    """The labels of the verdicts in `arrived`, which is empty afterwards; each movement has one."""
+def newly_decided(arrived: "deque[ArrivedVerdict]") -> list[VerdictMessage]:
+    """The first words of the movements in `arrived`, which is empty afterwards; each movement has one."""
     taken = [arrived.popleft() for _ in range(len(arrived))]
     new = [each.verdict for each in taken if not each.answered]
-    return [each.label for each in new if each.stage == "decided" or is_abstention(each)]
+    return [each for each in new if each.stage == "decided" or is_abstention(each)]
 
 
 class SceneListener:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from common.messages import VerdictMessage
 from common.teaching_messages import TeachReply
 
 StepKind = Literal[
@@ -92,5 +93,5 @@ class LessonInterface(Protocol):
     def fused_labels(self) -> Sequence[str]:
         """The movements that the fusion service judges now; empty while they are unknown."""
 
-    def verdicts(self) -> Sequence[str]:
-        """The labels that the fusion service has decided since the last call."""
+    def verdicts(self) -> Sequence[VerdictMessage]:
+        """What the fusion service has decided since the last call; each movement once."""

@@ -90,7 +90,7 @@ class Lesson:
                 return
             adopt(participants, learned)
             if plan.test and interface.ready(Step("test")).kind != "skip":
-                self_test(plan.labels, interface, self._count_down, plan.alarm_s, learned)
+                self_test(plan.labels, interface, self._count_down, plan.alarm_s, learned, participants)
         finally:
             participants.ask(TeachRequest(command="leave", teacher=plan.teacher), self._asked)
 
@@ -177,7 +177,7 @@ class Lesson:
                 return action
             if part_s >= left_s:
                 return GO
-            self._participants.request("status")
+            self._participants.look()
 
     def _contradictions(self) -> None:
         """Say which takes look like those of another movement, and offer to repeat those that do so from everywhere."""

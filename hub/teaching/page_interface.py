@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from common.errors import BadInput
+from common.messages import VerdictMessage
 from hub.teaching.correcting import MomentExample
 from hub.teaching.interface import GO, Action, ActionKind, Step, StepKind
 from hub.teaching.lesson import LessonPlan
@@ -67,7 +68,7 @@ class PageInterface:
         self,
         changed: Callable[[], None],
         fused_labels: Callable[[], Sequence[str]],
-        verdicts: Callable[[], Sequence[str]],
+        verdicts: Callable[[], Sequence[VerdictMessage]],
     ) -> None:
         self._changed = changed
         self.fused_labels, self.verdicts = fused_labels, verdicts

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
+from common.floor_place import BODY_SPREAD_M, PERSON_GATE, FloorPlace
+from common.messages import VerdictMessage
 from common.teaching_messages import TaughtPlace, TeachCommand, TeachReply, TeachRequest
 from hub.teaching.interface import Answers, LessonInterface
 
@@ -47,8 +49,8 @@ class Participants:
 
         Raises LabanmeshError if none answers for RETURN_S.
         """
-        if command == "begin" and self.by_place:
-            self.request("status")
+        if command == "begin":
+            self.look()
         where = {"place": self.place} if command in ("status", "begin") else {}
         answers = self.ask(self._made(command, **fields, **where), self.observers)
         self._note_places(answers)
@@ -75,6 +77,19 @@ class Participants:
             lines = (f"{name}: {reply.complaint}" for name, reply in answers.replies.items() if reply.complaint)
             for line in lines:
                 self.interface.say(line)
+
+    def look(self) -> None:
+        """Ask where the one is who is taught, where cameras tell people apart."""
+        if self.by_place:
+            self.request("status")
+
+    def is_of_taught(self, verdict: VerdictMessage) -> bool:
+        """Whether a verdict is of the one who is taught, by where that person is; of anybody where that is unknown."""
+        if self.place is None or verdict.place is None:
+            return True
+        x, z = verdict.place
+        there = FloorPlace(at=(x, z), covariance=(BODY_SPREAD_M**2, 0.0, BODY_SPREAD_M**2))
+        return self.place.on_floor().distance(there) <= PERSON_GATE / 2
 
     def _tell_of_pictures(self, answers: Answers) -> None:
         """Say it once when a camera is lost, and when it is back."""

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+from common.messages import VerdictMessage
 from hub.session import SceneListener, newly_decided
 from hub.teaching.big_letters import big
 from hub.teaching.interface import GO, Action, Step
@@ -86,8 +87,8 @@ class Terminal:
         self._listener.check()
         return self._listener.state.labels
 
-    def verdicts(self) -> Sequence[str]:
-        """The labels of the verdicts since the last call; each movement has one."""
+    def verdicts(self) -> Sequence[VerdictMessage]:
+        """What was decided since the last call."""
         return newly_decided(self._listener.verdicts)
 
     def _cleared(self) -> str:

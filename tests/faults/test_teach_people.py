@@ -8,20 +8,17 @@ import json
 import re
 import threading
 import time
-from functools import partial
 
 import numpy as np
 import pytest
 from fault_processes import Process
 from fault_stage import LONG_FORM
-from processes import labanmesh, until
+from processes import labanmesh
 
 from benchmarks.people_room import ASIDE_M, WALK_S, camera
 from benchmarks.timing import free_port
 from common.config import read_scene
 from common.link import Link
-from common.messages import VerdictMessage
-from common.wire import decode
 from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.placement import PersonPlacement
 from observer.geometry.projection import project
@@ -94,10 +91,6 @@ class Room:
             aside = ASIDE_M * np.sin(np.pi * share) * np.array([[0, 1], [0, -1]])
             self._walk.append(PLACES + share * (PLACES[::-1] - PLACES) + aside)
 
-    @property
-    def is_idle(self):
-        return not (self._queues[0] or self._walk)
-
     def _run(self):
         due_s = time.monotonic()
         while not self._stop.is_set():
@@ -150,7 +143,7 @@ def home(tmp_path):
 def follow(teach, room):
     """What the student does: all that the lesson asks; both change places after the first movement."""
     read = 0
-    while teach.running and "recognise wave, kick" not in teach.log:
+    while teach.running:
         teach.wait_for_more(read, 1.0)
         lines = teach.lines_from(read)
         read += len(lines)
@@ -159,46 +152,30 @@ def follow(teach, room):
                 room.perform(label, (int(number) - 1) % (TAKES - 1))
             elif (label, int(number)) == ("wave", TAKES):
                 room.change_places()
-    assert "2 observers and the fusion service recognise wave, kick" in teach.log, teach.log
-
-
-def recognised(verdicts, decided, label, room):
-    """Whether the student has a verdict with that label; decided: all verdicts so far."""
-    decided.extend(decode(VerdictMessage, each.payload) for each in verdicts.take(0))
-    return any(
-        v.label == label and v.person and np.argmin(np.abs(room.places[:, 0] - v.place[0])) == 0 for v in decided
-    )
+        for label in re.findall(r"^test: (\w+): now", "".join(lines), re.MULTILINE):
+            room.perform(label, -1)
+    print(teach.log)
 
 
 @LONG_FORM
 def test_a_lesson_with_two_people_in_view_is_of_one_of_them_on_all_cameras(home, data):
     archive = import_recordings("msr-action3d", data / "msr_action3d").archive
-    quick = ("--takes", TAKES, "--background-minutes", "0.2", "--countdown", "1", "--no-test")
+    quick = ("--takes", TAKES, "--background-minutes", "0.2", "--alarm-minutes", "0", "--countdown", "1")
     up, teach = Process(labanmesh("up", home)).start(), Process(labanmesh("teach", home, *TAUGHT, *quick))
-    scene = read_scene(home)
     try:
-        with Link.open(scene.mesh, "hub") as link, Room(link, archive) as room:
-            verdicts = link.inbox(scene.keys.verdict)
+        with Link.open(read_scene(home).mesh, "hub") as link, Room(link, archive) as room:
             up.wait_for("no model yet", times=2)
             follow(teach.start(), room)
-            frames, taken = list(room.frames), []
-            for number, name in enumerate(CAMERAS):
-                taught = read_archive(home.with_name(f"{name}.tracks.npz"))
-                for take in taught.recordings:
-                    if take.label:
-                        own, other = apart_px(take, taught.body_parts, frames, number)
-                        taken.append((name, take.label))
-                        assert own < other / 10, (
-                            f"{name}: take {take.trial} of {take.label}: {own}, {other} px\n{teach.log}"
-                        )
-            print(f"{len(taken)} of {2 * len(TAUGHT) * TAKES} takes, all of the student\n{teach.log}")
-            assert all(taken.count((name, label)) >= TAKES - 1 for name in CAMERAS for label in TAUGHT)
-            verdicts.take(0)
-            for label in TAUGHT:
-                room.perform(label, -1)
-                until(lambda: room.is_idle)
-                is_recognised = partial(recognised, verdicts, [], label, room)
-                until(is_recognised, f"the student's {label} is recognised")
     finally:
         teach.kill()
         up.kill()
+    taken = []
+    for number, name in enumerate(CAMERAS):
+        taught = read_archive(home.with_name(f"{name}.tracks.npz"))
+        for take in (each for each in taught.recordings if each.label):
+            own, other = apart_px(take, taught.body_parts, room.frames, number)
+            assert own < other / 10, f"{name}: take {take.trial} of {take.label}: {own}, {other} px\n{teach.log}"
+            taken.append((name, take.label))
+    print(f"{len(taken)} of {len(CAMERAS) * len(TAUGHT) * TAKES} takes, all of the student")
+    assert all(taken.count((name, label)) >= TAKES - 1 for name in CAMERAS for label in TAUGHT), teach.log
+    assert all(f"{label}: recognised" in teach.log for label in TAUGHT), f"{teach.log}\n{up.log}"

@@ -1,5 +1,7 @@
 """A lesson with observers that only answer: what is asked of them, and what the teacher reads."""
 
+from types import SimpleNamespace
+
 import pytest
 from fake_interface import FakeInterface
 
@@ -92,7 +94,9 @@ class PressedInterface(FakeInterface):
 
     def verdicts(self):
         """Those of before, then one for each movement."""
-        return [self.decided.pop(0)] if self.decided else []
+        label = self.decided.pop(0) if self.decided else ""
+        verdict = SimpleNamespace(label=label, place=None) if isinstance(label, str) else label
+        return [verdict] if verdict.label else []
 
     def ask(self, request, names):
         self.asked.append(request)
@@ -248,6 +252,18 @@ def test_all_cameras_are_told_where_the_one_stands_who_is_taught():
     looks = [sum(each.command == "status" for each in lesson.asked) for lesson in (interface, alone)]
     assert looks[0] > 2 * looks[1], "they are told between two takes, too: people walk"
     assert not any("nobody else" in line for line in alone.lines) and not any(each.place for each in alone.asked)
+
+
+def test_verdicts_of_somebody_else_do_not_count_in_the_test():
+    sofa = Observer()
+    sofa.people, sofa.side = 2, "left"
+    sofa.place = TaughtPlace(at=[0.9, 0.0], covariance=[0.04, 0.0, 0.04])
+    interface = PressedInterface({"sofa": sofa}, "....")
+    verdict = lambda label, x: SimpleNamespace(label=label, place=[x, 0.1])  # noqa: E731
+    interface.decided = ["old", verdict("clap", -0.9), verdict("wave", 0.8), "old", verdict("wave", -0.9)]
+    plan = LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0, test=True)
+    Lesson(plan, interface, interface.ask, ["sofa"]).run()
+    assert "wave: recognised" in interface.lines and "clap: nothing was decided" in interface.lines
 
 
 def test_a_lesson_waits_for_a_teacher_that_was_killed():
