@@ -1,15 +1,18 @@
 """A phone's times as ours: the skew of its clock, measured as between machines (common/clock_skew.py). Pure.
 
 1. We send a numbered question and the phone answers with its clock; the answer with the shortest way counts.
-2. A picture cannot have been taken after its tracks arrived.
-3. Tracks that are too late, or no newer than the last ones, are dropped: the newest come first.
+2. A page that looks at pictures lets a question wait and answers at once: the way there is longer than the way back.
+   How long the line alone takes there and back a ping tells, which the browser answers itself.
+3. A picture cannot have been taken after its tracks arrived.
+4. Tracks that are too late, or no newer than the last ones, are dropped: the newest come first.
 """
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from common import MS_NS, SECOND_NS
-from common.clock_skew import ClockReading, ClockSkew
+from common.clock_skew import READINGS_LIMIT, ClockReading, ClockSkew
 
 LATE_S = 1.0
 """Older tracks are dropped: half the time after which fusion drops a posterior (fusion.drop_s)."""
@@ -25,6 +28,7 @@ class PhoneClock:
     dropped: int = 0
     _skew: ClockSkew = field(default_factory=ClockSkew)
     _asked_ns: dict[int, int] = field(default_factory=dict)
+    _lines_ns: deque[int] = field(default_factory=lambda: deque(maxlen=READINGS_LIMIT))
     _number: int = 0
     _newest_ns: int = 0
 
@@ -43,20 +47,27 @@ class PhoneClock:
         if asked_ns is not None and now_ns >= asked_ns:
             self._skew.note(ClockReading(asked_ns, round(phone_ms * MS_NS), now_ns))
 
+    def note_line(self, seconds: float) -> None:
+        """How long a ping took there and back."""
+        self._lines_ns.append(round(seconds * SECOND_NS))
+
     @property
-    def delay_ms(self) -> float | None:
-        """The shortest way there and back that counts now; None before the first answer."""
-        return None if self._skew.best is None else 2 * self._skew.best.doubt_ns / MS_NS
+    def _skew_ns(self) -> int | None:
+        """By how much the phone's clock is ahead; None before the first answer."""
+        best = self._skew.best
+        if best is None or not self._lines_ns:
+            return None if best is None else best.skew_ns
+        return min(best.skew_ns, best.shown_ns - best.answered_ns + min(self._lines_ns) // 2)
 
     def captured_ns(self, phone_ms: float) -> int | None:
         """When a picture was taken, by our clock (Unix epoch, ns), as its tracks arrive now; None: drop them."""
-        best, now_ns = self._skew.best, self.now_ns()
-        if best is None:
+        skew_ns, now_ns = self._skew_ns, self.now_ns()
+        if skew_ns is None:
             self.dropped += 1
             return None
         if self._newest_ns > now_ns:
             self._newest_ns = 0  # our clock was set back
-        at_ns = min(round(phone_ms * MS_NS) - best.skew_ns, now_ns)
+        at_ns = min(round(phone_ms * MS_NS) - skew_ns, now_ns)
         if now_ns - at_ns > LATE_S * SECOND_NS or at_ns <= self._newest_ns:
             self.dropped += 1
             return None

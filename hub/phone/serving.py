@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from socket import socket
 from urllib.parse import urlsplit
@@ -23,6 +24,7 @@ from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
+from hub.phone.phone_clock import PhoneClock
 from hub.phone.phone_messages import MESSAGE_LIMIT, BadPhoneMessage, CameraState, LessonRequest
 from hub.phone.phone_session import PhoneSession
 from hub.phone.register import RefusedError
@@ -174,6 +176,8 @@ class PhoneServer:
         with suppress(ConnectionClosed):
             while time.monotonic() - live.heard_s < SILENT_S:
                 await asyncio.sleep(PING_EVERY_S)
+                pong = asyncio.ensure_future(await live.connection.ping())
+                pong.add_done_callback(partial(_note_line, live.session.clock))
                 await _send(live.connection, live.session.question())
         live.connection.transport.abort()
 
@@ -229,6 +233,11 @@ async def _end(connection: ServerConnection, code: int, text: str) -> None:
 def _response(answer: Answer) -> Response:
     headers = Headers([*answer.headers.items(), ("content-length", str(len(answer.body))), ("connection", "close")])
     return Response(answer.status, HTTPStatus(answer.status).phrase, headers, answer.body)
+
+
+def _note_line(clock: PhoneClock, pong: "asyncio.Future[float]") -> None:
+    if not pong.cancelled() and pong.exception() is None:
+        clock.note_line(pong.result())
 
 
 def _name(session: PhoneSession, address: str) -> str:
