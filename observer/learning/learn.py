@@ -79,7 +79,7 @@ def learn_view(
     seen = ExampleView(view, vocabulary, parts, facings)
     recordings = [recording for recording in movements_in(sources[0]) if recording.label in vocabulary.labels]
     examples = seen.examples(recordings, archive.body_parts)
-    for other in sources[2:]:
+    for other in sources[2:]:  # The background.
         examples += seen.examples([r for r in movements_in(other) if r.label], other.body_parts, labels)
     origin = {"examples": str(len(recordings)), **(provenance or {})}
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, origin)

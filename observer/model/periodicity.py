@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from observer.body import USUAL_NOISE
 from observer.features import REFERENCE_HZ
 from observer.tracks import Floats, other_side
 
@@ -21,8 +22,8 @@ COMPARED_PERIODS = 2
 stroke are not periodic yet."""
 LEAST_CORRELATION = 0.6
 """Of a periodic take. In kinder_gator, karate and MSR Action3D single strokes have .0 to .5, repetitions .6 to 1."""
-HELD_POSE_SIZES = 0.06
-"""Body sizes, root mean square of all parts together: what people who hold a pose do not exceed (.03 to .06)."""
+HELD_POSE_SIZES = 2 * USUAL_NOISE
+"""Body sizes, root mean square of all parts together: people who hold a pose have once to twice the usual noise."""
 NEARLY_HIGHEST = 0.9
 """The first peak that is nearly the highest tells the period: those after it tell its multiples."""
 PRINCIPAL_AXES = 2

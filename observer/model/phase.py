@@ -10,7 +10,6 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput
 from observer.body import TRUNK_POINTS
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter, Dynamics
@@ -90,16 +89,8 @@ class Phase:
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64; ValueError if they do not fit.
-
-        KeyError for the chains of an earlier version, which read all parts.
-        """
-        if header.background is not None:
-            raise BadInput("a phase model with a background, which this version does not have")
-        features = 5 * len(parts_read(header.body_parts)) + 2
-        if arrays["chains"].shape[2:] == (5 * len(header.body_parts) + 2,) != (features,):
-            raise KeyError("chains of the head and the limbs alone")
-        chains = array_in(arrays, "chains", (None, None, features), np.float32)
+        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64; ValueError if they do not fit."""
+        chains = array_in(arrays, "chains", (None, None, 5 * len(parts_read(header.body_parts)) + 2), np.float32)
         movement_of, facing_of = (
             array_in(arrays, name, chains.shape[:1], np.int64) for name in ("movement_of", "facing_of")
         )
@@ -137,12 +128,8 @@ class PhaseWatch(Watch):
     """Watches one person with a phase filter."""
 
     def __init__(self, model: Phase, onset: Onset) -> None:
-        self._several = model.facings > 1
-        self._reader, self._filter, self._evidence = (
-            posture_reader(model.header),
-            model.chain_filter(onset),
-            model.evidence(),
-        )
+        self._reader, self._filter = posture_reader(model.header), model.chain_filter(onset)
+        self._evidence, self._is_turned = model.evidence(), model.facings > 1
 
     @property
     def p(self) -> Floats:
@@ -153,7 +140,7 @@ class PhaseWatch(Watch):
     @property
     def joint(self) -> Floats | None:
         """(M, K) posterior over movements and facings; None for a model of one facing."""
-        return self._filter.posterior if self._several else None
+        return self._filter.posterior if self._is_turned else None
 
     @property
     def rest(self) -> float:

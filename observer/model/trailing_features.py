@@ -23,6 +23,7 @@ SHORTEST_S = 0.4
 """The shortest window of convolutions. One of postures is half as long."""
 DOUBLINGS = 4
 """Each further window is twice as long, up to 6.4 s."""
+LENGTHS_S = [SHORTEST_S * 2**n for n in range(DOUBLINGS + 1)]
 LONGEST_CONVOLUTIONS, LONGEST_POSTURES = 1.5, 2.8
 """The longest windows, as multiples of the median movement's duration."""
 WIDEST_KERNEL_S = 2.2
@@ -40,14 +41,13 @@ class Windows:
     @classmethod
     def of(cls, rate_hz: float, median_s: float) -> Self:
         """For movements whose median duration is median_s seconds."""
-        lengths = [SHORTEST_S * 2**n for n in range(DOUBLINGS + 1)]
 
         def frames(seconds: Iterable[float]) -> tuple[int, ...]:
             return tuple(sorted({max(round(s * rate_hz), 2) for s in seconds}))
 
         return cls(
-            frames([SHORTEST_S, *(s for s in lengths if s <= LONGEST_CONVOLUTIONS * median_s)]),
-            frames([SHORTEST_S / 2, SHORTEST_S, *(s for s in lengths if s <= LONGEST_POSTURES * median_s)]),
+            frames([SHORTEST_S, *(s for s in LENGTHS_S if s <= LONGEST_CONVOLUTIONS * median_s)]),
+            frames([SHORTEST_S / 2, SHORTEST_S, *(s for s in LENGTHS_S if s <= LONGEST_POSTURES * median_s)]),
             tuple(d for d in (1, 2, 4, 8) if d == 1 or (TAPS - 1) * d <= WIDEST_KERNEL_S * rate_hz),
         )
 
@@ -116,14 +116,15 @@ class TrailingFeatures:
     def from_arrays(cls, arrays: Arrays, rate_hz: float, parts: int) -> Self:
         """The inverse of `as_arrays`; ValueError for arrays that do not fit P = `parts`."""
         names = ("convolutions", "postures", "dilations")
-        lengths = [tuple(array_in(arrays, f"trailing_{name}", (None,), np.int64).tolist()) for name in names]
-        if not all(own and own[0] > 0 and own[-1] <= MOST_WINDOW for own in lengths) or any(
-            one >= two for own in lengths for one, two in pairwise(own)
-        ):
-            raise ValueError(f"trailing windows {lengths}: increasing ones up to {MOST_WINDOW} are expected")
+        # Longer ones would fill the memory.
+        most = max(round(LENGTHS_S[-1] * rate_hz), 2)
+        lengths = [array_in(arrays, f"trailing_{name}", (None,), np.int64).tolist() for name in names]
+        if any(not own or own[0] < 1 or own[-1] > most or own != sorted({*own}) for own in lengths):
+            raise ValueError(f"trailing windows {lengths}: increasing ones up to {most} are expected")
         shape = (len(lengths[2]), len(KERNELS))
         channels = array_in(arrays, "trailing_channels", (*shape, 2 * parts), np.bool_)
-        return cls(Windows(*lengths), rate_hz, channels, array_in(arrays, "trailing_biases", shape, np.float32))
+        biases = array_in(arrays, "trailing_biases", shape, np.float32)
+        return cls(Windows(*map(tuple, lengths)), rate_hz, channels, biases)
 
 
 class TrailingWatch:
@@ -206,8 +207,6 @@ STORED = 4
 """How many times the longest history a watch stores: the more, the more rarely it makes room."""
 MOST_SHOWN = 48
 """Traces whose convolutions tell the quantiles for the biases."""
-MOST_WINDOW = 100_000
-"""Frames: a longer window in a model file is an error, and would fill the memory."""
 
 
 def weights_of(channels: NDArray[np.bool_]) -> Floats32:

@@ -30,8 +30,8 @@ AFTERGLOW_S = 0.1
 to each other have no rest between them."""
 LEARNED_FACINGS = 4
 """More facings of one example add little to those of the others, and take time."""
-BLEND_FRACTIONS = (0.5, 0.75, 1.0)
-"""Shares of a blend after which it is shown."""
+BLEND_FRACTIONS = tuple(n / 4 for n in range(2, 5))
+"""Shares of a blend after which it is shown: before its half it hardly differs from one of the two movements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -85,10 +85,6 @@ class Streamed(Phase):
         cls.calls.append((header, list(examples), list(streams)))
         return cls.learn(header, [e for e in examples if e.movement >= 0])
 
-    @classmethod
-    def from_arrays(cls, header, arrays):
-        return super().from_arrays(replace(header, background=None), arrays)
-
     def cross_validated(self, folds, watched):
         return self
 
