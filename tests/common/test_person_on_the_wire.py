@@ -11,6 +11,7 @@ from message_stage import judgement, posterior, reason_of, verdict, vote
 
 from common.config import read_scene
 from common.config_people import PeopleConfig
+from common.errors import BadInput
 from common.floor_place import FloorPlace
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.teaching_messages import TaughtPlace, TeachReply, TeachRequest
