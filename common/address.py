@@ -7,6 +7,7 @@ from common.errors import BadInput
 
 HOST_PORT = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})\Z")
 LAST_PORT = 65535
+ADDRESS_RULE = f"must be HOST:PORT with a port up to {LAST_PORT}, e.g. 127.0.0.1:9464"
 ANY_HOST = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - their names only, nothing is bound here
 """Addresses that mean every interface, with the address at which this machine reaches such a process."""
 
@@ -19,14 +20,18 @@ class Address:
     port: int
 
     @classmethod
-    def parse(cls, text: str, setting: str) -> "Address":
-        """Parse `text`; raises BadInput that names the `setting` it is the value of."""
+    def parsed(cls, text: str) -> "Address | None":
+        """The address in `text`; None for anything else."""
         match = HOST_PORT.match(text)
-        if match is None or int(match[2]) > LAST_PORT:
-            raise BadInput(
-                f"{setting} = {text!r}: must be HOST:PORT with a port up to {LAST_PORT}, e.g. 127.0.0.1:9464"
-            )
-        return cls(match[1].strip("[]"), int(match[2]))
+        return cls(match[1].strip("[]"), int(match[2])) if match and int(match[2]) <= LAST_PORT else None
+
+    @classmethod
+    def parse(cls, text: str, setting: str) -> "Address":
+        """Same as `parsed`; raises BadInput that names the `setting` it is the value of."""
+        address = cls.parsed(text)
+        if address is None:
+            raise BadInput(f"{setting} = {text!r}: {ADDRESS_RULE}")
+        return address
 
     def after(self, steps: int) -> "Address":
         """The address `steps` ports higher; port 0 stays 0. Raises BadInput above the last port."""

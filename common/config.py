@@ -1,6 +1,6 @@
 """The scene file: one TOML file that describes a scene and that all its processes read (docs/reference/scene.md).
 
-config_sections.py holds the sections, config_input.py the environment's overrides and the text of errors.
+config_*.py hold the sections, config_input.py the environment's overrides and the text of errors.
 """
 
 import os
@@ -12,14 +12,13 @@ from typing import Annotated, Any
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from common.config_events import HistoryConfig, NotifyConfig
+from common.config_hub import HubConfig, MqttConfig
 from common.config_input import faults_of, override, without_faults
 from common.config_people import PeopleConfig
 from common.config_sections import (
     FusionConfig,
-    HubConfig,
     MeshConfig,
     MetricsConfig,
-    MqttConfig,
     ObserverConfig,
     PersonConfig,
     Section,

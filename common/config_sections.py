@@ -13,13 +13,12 @@ from pydantic import (
     model_validator,
 )
 
+from common.address import ADDRESS_RULE, Address
 from common.fusion_rules import DEFAULT_RULE
 
 MOST_SPEED = 1000.0
 MOST_DIGITS = 9
 MOST_PORT = 65_535
-MQTT_PORT, MQTT_TLS_PORT = 1883, 8883
-"""The usual ones, as IANA has registered them."""
 ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws)/[^\s/#?]+:(?P<port>\d{1,5})([#?]\S*)?\Z|unixsock-stream/\S+\Z")
 
 
@@ -48,6 +47,14 @@ def _recording(value: object) -> int | Literal["all"]:
     return value
 
 
+def _listen(value: str) -> str:
+    if value and Address.parsed(value) is None:
+        raise ValueError(ADDRESS_RULE)
+    return value
+
+
+Listen = Annotated[str, AfterValidator(_listen)]
+"""HOST:PORT, or "" for nowhere."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, le=86_400)]
 Duration = Annotated[float, Field(ge=1e-3, le=86_400)]
@@ -234,55 +241,6 @@ def default_quorum(observers: int) -> int:
     return max((observers + 1) // 2, 1)
 
 
-class MqttConfig(Section):
-    """[hub.mqtt]: the broker through which Home Assistant and others receive the scene.
-
-    password_file: a file that holds only the password. tls: encrypt; the broker's certificate is checked against the
-    system's authorities or those in ca_file. discovery: Home Assistant's discovery prefix. topics: prefix of the state
-    topics. movements: those with a binary sensor of their own. area: the suggested area of the devices.
-    """
-
-    host: str = "127.0.0.1"
-    port: Annotated[int, Field(ge=1, le=65535, examples=[1883])] | None = None
-    username: str = ""
-    password_file: str = ""
-    tls: bool = False
-    ca_file: str = ""
-    discovery: str = "homeassistant"
-    topics: str = "labanmesh"
-    movements: Annotated[tuple[str, ...], Field(strict=False, examples=[["wave", "clap"]])] = ()
-    area: str = ""
-
-    @property
-    def own_port(self) -> int:
-        """`port`, or the usual one."""
-        return self.port or (MQTT_TLS_PORT if self.tls else MQTT_PORT)
-
-
-class DashboardConfig(Section):
-    """[hub.dashboard]: the web page. listen: HOST:PORT. token_file: a file with the token that a browser must send.
-
-    teach: whoever has the token may also teach the observers on the page.
-    """
-
-    listen: str = "127.0.0.1:8420"
-    token_file: str = ""
-    teach: bool = False
-
-
-class HubConfig(Section):
-    """[hub]: listeners. start: those that `labanmesh up` starts: "mqtt", "dashboard", and verbs of installed
-    packages; with [history] or [notify.NAME] it also starts `hub events`.
-
-    certainty: the probability from which a movement is announced before it is decided; 1: never.
-    """
-
-    start: Annotated[tuple[str, ...], Field(strict=False, examples=[["dashboard"]])] = ()
-    certainty: Share = 1.0
-    mqtt: MqttConfig = MqttConfig()
-    dashboard: DashboardConfig = DashboardConfig()
-
-
 class TeachingConfig(Section):
     """[teaching]: remember_minutes: how long each observer remembers its own tracks, in memory only, so that a wrong or
     missed verdict can become an example; 0: not at all outside a lesson.
@@ -297,4 +255,4 @@ class MetricsConfig(Section):
     With `labanmesh up` the first process has this port, and each further one the next port.
     """
 
-    listen: str = ""
+    listen: Listen = ""

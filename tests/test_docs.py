@@ -20,15 +20,13 @@ from source_imports import ROOMS
 from common import messages
 from common.config import Scene
 from common.config_events import HistoryConfig, NotifyConfig
+from common.config_hub import DashboardConfig, HubConfig, MqttConfig
 from common.config_people import PeopleConfig
 from common.config_sections import (
     ClipsConfig,
-    DashboardConfig,
     FusionConfig,
-    HubConfig,
     MeshConfig,
     MetricsConfig,
-    MqttConfig,
     ObserverConfig,
     PersonConfig,
     TeachingConfig,

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from common.config import Scene
-from common.config_sections import MqttConfig
+from common.config_hub import MqttConfig
 from common.errors import reason_of
 from deploy.doctor.findings import Finding, Mark, ok
 from deploy.doctor.network import Connection, connect_to

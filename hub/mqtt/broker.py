@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from aiomqtt import Client, MqttCodeError, MqttError, Will
 
 from common.config import MqttConfig, Scene
-from common.config_sections import MQTT_PORT, MQTT_TLS_PORT
+from common.config_hub import MQTT_PORT, MQTT_TLS_PORT
 from common.errors import BadInput, LabanmeshError, reason_of
 from hub.mqtt.bridge import topics_of
-from hub.mqtt.entities import ORIGIN, Topics, bridge_topic, checked_prefix
+from hub.mqtt.entities import ORIGIN, Topics, bridge_topic
 from hub.mqtt.states import OFFLINE, ONLINE
 
 KEEPALIVE_S = 10
@@ -62,9 +62,6 @@ class MqttBroker:
 def broker_of(scene: Scene, purpose: str = "") -> MqttBroker:
     """The broker of `scene`; raises BadInput that names the faulty key. purpose: set for a second connection."""
     config = scene.hub.mqtt
-    checked_prefix(config.discovery, "hub.mqtt.discovery")
-    checked_prefix(config.topics, "hub.mqtt.topics")
-    _require_host(config.host)
     identifier = f"labanmesh-hub-{scene.scene}" + (f"-{purpose}" if purpose else "")
     return MqttBroker(
         config.host, config.own_port, config.username, _password(scene),
@@ -72,22 +69,11 @@ def broker_of(scene: Scene, purpose: str = "") -> MqttBroker:
     )  # fmt: skip
 
 
-def _require_host(host: str) -> None:
-    try:
-        valid = bool(host.encode("idna")) and not any(c.isspace() or c == "/" for c in host)
-    except UnicodeError:
-        valid = False
-    if not valid:
-        raise BadInput(f'hub.mqtt.host = {host!r}: not a host name; e.g. "127.0.0.1" or "homeassistant.local"')
-
-
 def _password(scene: Scene) -> str | None:
     config = scene.hub.mqtt
     if not config.password_file:
         return None
     key = f"hub.mqtt.password_file = {config.password_file!r}"
-    if not config.username:
-        raise BadInput(f"{key}: a password needs a user; set hub.mqtt.username too")
     try:
         password = scene.place(config.password_file).read_text(encoding="utf-8").rstrip("\r\n")
     except (OSError, UnicodeDecodeError) as error:
@@ -100,16 +86,14 @@ def _password(scene: Scene) -> str | None:
 
 def _tls(scene: Scene) -> ssl.SSLContext | None:
     config = scene.hub.mqtt
-    key = f"hub.mqtt.ca_file = {config.ca_file!r}"
     if not config.tls:
-        if config.ca_file:
-            raise BadInput(f"{key}: applies to an encrypted connection; set hub.mqtt.tls = true, or remove it")
         return None
     try:
         return ssl.create_default_context(cafile=str(scene.place(config.ca_file)) if config.ca_file else None)
     except OSError as error:
         reason = "holds no certificate" if isinstance(error, ssl.SSLError) else reason_of(error)
-        raise BadInput(f"{key}: {reason}; name the PEM file of the broker's authority") from None
+        fault = f"hub.mqtt.ca_file = {config.ca_file!r}: {reason}"
+        raise BadInput(f"{fault}; name the PEM file of the broker's authority") from None
 
 
 def permanent_fault(error: MqttError, broker: MqttBroker, config: MqttConfig) -> str | None:

@@ -7,12 +7,10 @@
 """
 
 import json
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from common.errors import BadInput
 from common.facets import EFFORT, SHAPE
 from common.vocabulary import ABSTAIN
 from hub.anticipation import NEVER
@@ -20,8 +18,6 @@ from hub.anticipation import NEVER
 if TYPE_CHECKING:
     from common.config import Scene
 
-TOPIC = re.compile(r"[a-zA-Z0-9_-]+(/[a-zA-Z0-9_-]+)*\Z")
-DEFAULTS = {"hub.mqtt.discovery": "homeassistant", "hub.mqtt.topics": "labanmesh"}
 ORIGIN = "labanmesh"
 """The origin in our discovery messages, by which they are recognised."""
 EXPIRE_S = 30
@@ -52,14 +48,6 @@ FACET_ICONS: Mapping[str, str] = {
     "shape_vertical": "mdi:arrow-up-down",
     "shape_sagittal": "mdi:arrow-top-right-bottom-left",
 }
-
-
-def checked_prefix(value: str, key: str) -> str:
-    """`value` if a topic may begin with it; raises BadInput that names the scene file's `key`."""
-    if not TOPIC.match(value):
-        rule = "parts of a-z, A-Z, 0-9, _ and -, with / between them"
-        raise BadInput(f"{key} = {value!r}: {rule}; leave it out for {DEFAULTS[key]!r}")
-    return value
 
 
 def bridge_topic(topics: str, first_scene: str) -> str:

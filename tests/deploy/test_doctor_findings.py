@@ -331,6 +331,6 @@ def test_a_scene_without_a_broker_has_no_word_on_home_assistant(tmp_path):
     (tmp_path / "s.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\n')
     assert list(check_broker(broker_facts(read_scene(tmp_path / "s.toml", {})))) == []
     with (tmp_path / "s.toml").open("a") as file:
-        file.write('[hub.mqtt]\nhost = "127.0.0.1"\nport = 9\npassword_file = "word"\n')
+        file.write('[hub.mqtt]\nhost = "127.0.0.1"\nport = 9\nusername = "anna"\npassword_file = "word"\n')
     (word, broker) = check_broker(broker_facts(read_scene(tmp_path / "s.toml", {})))
     assert "no such file" in word.what and "127.0.0.1:9: nothing listens there" in broker.what
