@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from common.config_events import HistoryConfig, NotifyConfig
-from common.config_hub import HubConfig, MqttConfig
+from common.config_hub import EVERY_MOVEMENT, HubConfig, MqttConfig
 from common.config_input import faults_of, override, without_faults
 from common.config_people import PeopleConfig
 from common.config_sections import (
@@ -84,10 +84,12 @@ class Scene(Section):
             yield f"fusion.standby = {list(self.fusion.standby)}: give each service an id of its own"
         if not self.observers:
             yield 'no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"'
-        known = self.vocabulary or self.fusion.periodic or ()
-        for label in self.fusion.periodic or ():
-            if label not in known:
-                yield f"fusion.periodic = {label!r}: no movement of the vocabulary; known: {', '.join(known)}"
+        known, wanted = self.vocabulary or (), {"fusion.periodic": self.fusion.periodic or ()}
+        wanted["hub.mqtt.movements"] = tuple(each for each in self.hub.mqtt.movements if each != EVERY_MOVEMENT)
+        for key, labels in wanted.items():
+            for label in labels if known else ():
+                if label not in known:
+                    yield f"{key} = {label!r}: no movement of the vocabulary; known: {', '.join(known)}"
         for name, channel in self.notify.items():
             if bool(channel.url) == bool(channel.url_file):
                 yield f"notify.{name}: needs url, or url_file with the name of a file that holds it"

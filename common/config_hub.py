@@ -9,6 +9,8 @@ from common.config_sections import Listen, Section, Share
 
 MQTT_PORT, MQTT_TLS_PORT = 1883, 8883
 """The usual ones, as IANA has registered them."""
+EVERY_MOVEMENT = "*"
+"""In `hub.mqtt.movements`: every movement has a binary sensor, also one that is taught later."""
 TOPIC = re.compile(r"[a-zA-Z0-9_-]+(/[a-zA-Z0-9_-]+)*\Z")
 
 

@@ -13,6 +13,7 @@ from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
+from common.config_hub import EVERY_MOVEMENT
 from common.errors import BadInput
 from common.messages import StatusMessage, VerdictMessage
 from hub.anticipation import Anticipation, EarlyWord
@@ -25,23 +26,15 @@ from hub.scene_state import VERDICTS_WAIT_LIMIT, SceneState
 if TYPE_CHECKING:
     from common.config import Scene
 
-ALL = "*"
-"""In `hub.mqtt.movements`: every movement has a binary sensor, also one that is taught later."""
-
 
 class SceneBridge:
     """What is due for one scene, whose hub shows under the topic `bridge` whether it is connected.
 
-    Times are seconds of a clock that only advances. Raises BadInput for a movement that is not in the vocabulary.
+    Times are seconds of a clock that only advances.
     """
 
     def __init__(self, scene: "Scene", bridge: str) -> None:
         self._scene, self._wanted_movements, self.left_out = scene, scene.hub.mqtt.movements, 0
-        vocabulary = scene.named_vocabulary
-        for label in self._wanted_movements:
-            if vocabulary and label != ALL and label not in vocabulary.labels:
-                known = ", ".join(vocabulary.labels)
-                raise BadInput(f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {known}")
         self.topics = topics_of(scene, bridge)
         self._anticipation = Anticipation(scene.hub.certainty)
         self._facets: frozenset[str] = frozenset()
@@ -137,13 +130,13 @@ class SceneBridge:
 
     @property
     def _movements(self) -> tuple[str, ...]:
-        if ALL in self._wanted_movements:
+        if EVERY_MOVEMENT in self._wanted_movements:
             return self._labels
         return tuple(label for label in self._wanted_movements if not self._labels or label in self._labels)
 
     def unknown_movements(self, labels: Sequence[str]) -> list[str]:
         """Movements that shall have a binary sensor and that are not among `labels`, if these are known."""
-        return sorted(set(self._wanted_movements) - {ALL} - set(labels)) if labels else []
+        return sorted(set(self._wanted_movements) - {EVERY_MOVEMENT} - set(labels)) if labels else []
 
     def _removals(self, wanted: Collection[str]) -> dict[str, RetainedState]:
         """An empty message for whatever was published for a movement that the vocabulary has no more.

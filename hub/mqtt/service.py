@@ -261,8 +261,6 @@ def serve(scenes: Sequence[Scene], stop: threading.Event) -> None:
     """Publish `scenes` to their broker until `stop` is set; raises BadInput for settings that cannot be used."""
     broker = broker_of(scenes[0])
     require_one_broker(scenes)
-    for scene in scenes:
-        SceneBridge(scene, broker.bridge)
 
     async def run(instrumentation: HubInstrumentation) -> None:
         hub = MqttHub(scenes, broker, stop, instrumentation)

@@ -213,7 +213,7 @@ def test_a_missing_broker_is_logged_once_and_awaited(room, tmp_path, broker):
         ({"discovery": "home#assistant"}, "hub.mqtt.discovery = 'home#assistant'"),
         ({"host": "mqtt://broker"}, "hub.mqtt.host = 'mqtt://broker'"),
         ({"host": "a..b"}, "hub.mqtt.host = 'a..b'"),
-        ({"movements": ["byby"]}, "hub.mqtt.movements: 'byby' is no movement of room; known: byebye"),
+        ({"movements": ["byby"]}, "hub.mqtt.movements = 'byby': no movement of the vocabulary; known: byebye"),
         ({"topics": "a b"}, "hub.mqtt.topics = 'a b'"),
         ({"username": "anna", "password_file": "nowhere"}, "hub.mqtt.password_file = 'nowhere': no such file"),
         ({"password_file": "nowhere"}, "set hub.mqtt.username too"),
