@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from observer.model.base import Header, MovementModel
     from observer.runtime.people_observer import AnyObserver
     from observer.runtime.scene_inputs import ObserverInputs
-    from observer.runtime.service import HealthReporter, ObserverLike
+    from observer.runtime.service import ObserverLike
     from observer.tracks import Tracker
 
 log = logging.getLogger("labanmesh.observer")
@@ -40,12 +40,15 @@ def observe(
     from common.link import Link
     from observer.foreign.sources import MeshTracks
     from observer.runtime.people_followed import follows_one
+    from observer.runtime.scene_inputs import open_inputs
     from observer.runtime.service import HealthReporter, serve
-    from observer.teaching.service import answer_teachers, teachable
+    from observer.teaching.service import answer_teachers, model_in_force, teachable
 
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
-    model, inputs = _model_and_inputs(config, observer, health)
+    model = model_in_force(config, observer)
+    parts = None if model is None else model.header.body_parts
+    inputs = open_inputs(config, observer, parts, health.record_camera, fewer_parts=True)
     health.note = follows_one(config.people.most, len(config.roster), inputs.view, inputs.tracker.most)
     build = partial(pipeline_of, config, observer, inputs)
     with ExitStack() as stack:
@@ -61,18 +64,6 @@ def observe(
         shown = stack.enter_context(_with_pictures(config, observer, paced, inputs, link))
         gc.freeze()  # a collection that looks through all loaded modules takes 25 ms
         serve(config, observer, shown, inputs.source, link, stop, health=health)
-
-
-def _model_and_inputs(
-    scene: "Scene", observer: str, health: "HealthReporter"
-) -> tuple["MovementModel | None", "ObserverInputs"]:
-    """The model, None for an observer that has not been taught yet, and the inputs that it reads."""
-    from observer.runtime.scene_inputs import open_inputs
-    from observer.teaching.service import model_in_force
-
-    model = model_in_force(scene, observer)
-    parts = None if model is None else model.header.body_parts
-    return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=True)
 
 
 def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "AnyObserver":

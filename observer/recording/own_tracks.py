@@ -1,10 +1,11 @@
 """An observer's own tracks as training data: the newest are remembered, and recordings are cut out of them. Pure."""
 
+from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput
@@ -12,16 +13,23 @@ from common.text import plural
 from observer.body import Stillness
 from observer.motion.archive import Recording
 from observer.motion.even_rate import at_even_rate
-from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
+from observer.tracks import BODY_PARTS, Floats, Floats32, Frame, Tracks
 
 RECORDING_HZ = 15.0
 """Default rate of recordings: most trackers find people as often on a small machine."""
 RING_S = 600.0
-FIRST_FRAMES, RING_GROWTH = 256, 1.5
 MARGIN_S = 0.25
 """Rest that stays before and after a trimmed movement."""
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
 """The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
+
+
+class RememberedFrame(NamedTuple):
+    """The times of the motion and of the capture, ns, and the centres (P, 2)."""
+
+    at_ns: int
+    captured_ns: int
+    centres: Floats32
 
 
 class TracksRecorder:
@@ -38,75 +46,54 @@ class TracksRecorder:
 
     def forget(self) -> None:
         """Forget all tracks."""
-        # Frames begin..end-1 of the arrays are remembered: times of the motion, of capture, and tracks.
-        self._begin = self._end = 0
-        self._at_ns: NDArray[np.int64] = np.empty(0, np.int64)
-        self._captured_ns: NDArray[np.int64] = np.empty(0, np.int64)
-        self._centres: NDArray[np.float32] = np.empty((0, len(self.body_parts), 2), np.float32)
+        self._frames: deque[RememberedFrame] = deque()
 
     @property
     def newest_ns(self) -> int | None:
         """Time of the newest frame; None before the first."""
-        return int(self._at_ns[self._end - 1]) if self._end else None
+        return self._frames[-1].at_ns if self._frames else None
 
     @property
     def oldest_ns(self) -> int | None:
         """Time of the oldest frame that is still remembered."""
-        return int(self._at_ns[self._begin]) if self._end else None
+        return self._frames[0].at_ns if self._frames else None
 
     @property
     def captured_ns(self) -> tuple[int, int] | None:
         """When the oldest and the newest frame were captured, Unix epoch; None before the first."""
-        times = self._captured_ns
-        return (int(times[self._begin]), int(times[self._end - 1])) if self._end else None
+        return (self._frames[0].captured_ns, self._frames[-1].captured_ns) if self._frames else None
 
     def at_ns_of(self, captured_ns: int) -> int:
-        """The time in the motion of a moment of capture within `captured_ns`: that of the first frame from it on."""
-        return int(self._at_ns[self._first_from(self._captured_ns, captured_ns)])
+        """The time in the motion of the first frame captured then or later; of the newest if there is none."""
+        return next((f for f in self._frames if f.captured_ns >= captured_ns), self._frames[-1]).at_ns
 
     def captured_ns_of(self, at_ns: int) -> int:
-        """When the first frame from this time in the motion on was captured."""
-        return int(self._captured_ns[self._first_from(self._at_ns, at_ns)])
-
-    def _first_from(self, times_ns: NDArray[np.int64], moment_ns: float) -> int:
-        """The first frame from a moment on, by one of the two times; the newest if there is none."""
-        frame = self._begin + int(np.searchsorted(times_ns[self._begin : self._end], moment_ns))
-        return min(frame, self._end - 1)
+        """When the first frame from this time in the motion on was captured; the newest if there is none."""
+        return next((f for f in self._frames if f.at_ns >= at_ns), self._frames[-1]).captured_ns
 
     def update(self, frame: Frame, tracks: Tracks) -> None:
         """Take in what the tracker found in a frame: centres (P, 2), NaN where not seen.
 
         If the clock is set back, all earlier tracks are forgotten, because nothing can be cut out of two times.
         """
-        newest = self._end - 1
-        if self._end and frame.at_ns == self._at_ns[newest]:
-            return
-        if self._end and (frame.at_ns < self._at_ns[newest] or frame.captured_ns < self._captured_ns[newest]):
-            self.forget()
-        if self._end == len(self._at_ns):
-            self._make_room()
-        self._at_ns[self._end], self._captured_ns[self._end] = frame.at_ns, frame.captured_ns
-        self._centres[self._end] = tracks.centres
-        self._end += 1
+        if self._frames:
+            newest = self._frames[-1]
+            if frame.at_ns == newest.at_ns:
+                return
+            if frame.at_ns < newest.at_ns or frame.captured_ns < newest.captured_ns:
+                self.forget()
+        self._frames.append(RememberedFrame(frame.at_ns, frame.captured_ns, tracks.centres.astype(np.float32)))
         oldest_ns = frame.at_ns - self.memory_s * SECOND_NS
-        while self._at_ns[self._begin] < oldest_ns:
-            self._begin += 1
-
-    def _make_room(self) -> None:
-        """Move the frames to the front of new arrays, which grow only if less than a third is free there."""
-        remembered, frames = slice(self._begin, self._end), self._end - self._begin
-        free = max(FIRST_FRAMES, round(RING_GROWTH * frames)) - frames
-        more = np.zeros((free, len(self.body_parts), 2), np.float32)
-        self._at_ns = np.append(self._at_ns[remembered], np.zeros(free, np.int64))
-        self._captured_ns = np.append(self._captured_ns[remembered], np.zeros(free, np.int64))
-        self._centres = np.append(self._centres[remembered], more, axis=0)
-        self._begin, self._end = 0, frames
+        while self._frames[0].at_ns < oldest_ns:
+            self._frames.popleft()
 
     def newest(self, seconds: float) -> Floats:
         """The centres (F, P, 2) of the last so many seconds, as the tracker found them."""
-        newest_ns = self.newest_ns
-        begin = 0 if newest_ns is None else self._first_from(self._at_ns, newest_ns - seconds * SECOND_NS)
-        return self._centres[begin : self._end].astype(np.float64)
+        begin_ns = (self.newest_ns or 0) - seconds * SECOND_NS
+        return self._centres([f for f in self._frames if f.at_ns >= begin_ns])
+
+    def _centres(self, frames: Sequence[RememberedFrame]) -> Floats:
+        return np.array([f.centres for f in frames], np.float64).reshape(-1, len(self.body_parts), 2)
 
     def cut(self, begin_ns: int, end_ns: int, *, label: str = "", subject: str, trial: str = "") -> Recording:
         """What was found from `begin_ns` to `end_ns`, at the recorder's rate.
@@ -114,12 +101,10 @@ class TracksRecorder:
         label: the movement that it shows; "": none. Raises BadInput, one line for people, if there are fewer than two
         frames or no part was seen in any.
         """
-        known_ns, centres = self._at_ns[self._begin : self._end], self._centres[self._begin : self._end]
-        begin, end = np.searchsorted(known_ns, begin_ns), np.searchsorted(known_ns, end_ns, "right")
-        at_ns = known_ns[begin:end]
-        if len(at_ns) < 2:
-            raise BadInput(f"{len(at_ns)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
-        positions = at_even_rate(at_ns, centres[begin:end].astype(np.float64), self.rate_hz)
+        frames = [f for f in self._frames if begin_ns <= f.at_ns <= end_ns]
+        if len(frames) < 2:
+            raise BadInput(f"{len(frames)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
+        positions = at_even_rate(np.array([f.at_ns for f in frames]), self._centres(frames), self.rate_hz)
         if not np.isfinite(positions).any():
             raise BadInput("nobody was seen: labanmesh camera look shows whether the camera sees head and hands")
         return Recording(positions, self.rate_hz, label, subject, trial)

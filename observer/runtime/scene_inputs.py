@@ -16,7 +16,7 @@ import numpy as np
 from common import SECOND_NS
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput
-from common.tracker_choice import MESH_KEY, PHONE, STANDARD_INPUT, TrackerChoice, chosen_tracker, content_of
+from common.tracker_choice import MESH_KEY, PHONE, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.picture_size import picture_scale
@@ -91,10 +91,8 @@ def open_inputs(
     Raises BadInput for an unknown observer, source, tracker or view, for files that are missing or invalid, and for a
     tracker that cannot read what the source delivers.
     """
-    section = scene.observer(observer)
-    key = f"observers.{observer}"
-    view = parse_view(section.view, scene.place("."))
-    content = content_of(section.source)
+    section, key = scene.observer(observer), f"observers.{observer}"
+    view, content = parse_view(section.view, scene.place(".")), content_of(section.source)
     choice = chosen_tracker(section)
     kind = tracker_named(choice.name, f"{key}.tracker", content)
     pictures = kind.reads == "pictures"
@@ -108,7 +106,8 @@ def open_inputs(
     settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth, most)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:
-        _log_choice(observer, outcome, as_chosen=outcome is choice)
+        level = logging.INFO if outcome is choice else logging.WARNING
+        log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
     parts, notify = wanted or tracker.body_parts, partial(log.warning, "%s: %s", observer)
     prepared = PreparedTracker(tracker, parts, view, fewer_parts, notify, time.process_time)
     if prepared.lacking:
@@ -118,24 +117,19 @@ def open_inputs(
 
 
 def _played(scene: Scene, observer: str, view: View, pictures: bool, report: Report, start_ns: Start) -> FrameSource:
-    """Recorded motion or pictures, the virtual camera's if pictures are wanted of motion."""
+    """Recorded motion or pictures, the virtual camera's if pictures are wanted of motion.
+
+    Raises BadInput also for pictures whose size does not fit the view.
+    """
     section = scene.observer(observer)
     if content_of(section.source) == "pictures":
-        return _prepared_pictures(_pictures(scene, section, report, start_ns), view, section)
-    motion = _recorded_motion(scene, observer, view, start_ns)
-    _require_shown(motion, view, f"observers.{observer}", pictures=pictures)
-    if not pictures:
-        return replace(motion, repeats=True)
-    return _prepared_pictures(_virtual_camera(motion, view, section), view, section)
-
-
-def _log_choice(observer: str, outcome: TrackerChoice, as_chosen: bool) -> None:
-    level = logging.INFO if as_chosen else logging.WARNING
-    log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
-
-
-def _prepared_pictures(source: FrameSource, view: View, section: ObserverConfig) -> FrameSource:
-    """The pictures as the scene file describes them; raises BadInput if their size does not fit the view."""
+        source = _pictures(scene, section, report, start_ns)
+    else:
+        motion = _recorded_motion(scene, observer, view, start_ns)
+        _require_shown(motion, view, f"observers.{observer}", pictures=pictures)
+        if not pictures:
+            return replace(motion, repeats=True)
+        source = _virtual_camera(motion, view, section)
     use_one_thread()
     if size_px := section.size_px or getattr(source, "size_px", None):
         picture_scale(view, size_px)

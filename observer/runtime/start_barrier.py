@@ -9,7 +9,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -57,7 +57,8 @@ class StartBarrier:
             missing = self._missing()
             late = self.clock() - ready_ns > self.timeout_s * SECOND_NS
             if missing and late:
-                log.warning("begins without %s: not ready after %g s", _names(missing), self.timeout_s)
+                others = f"{plural(len(missing), 'observer')}: {', '.join(missing)}"
+                log.warning("begins without %s: not ready after %g s", others, self.timeout_s)
             if not missing or late:
                 self._agree()
             if (begin_ns := self._begin()) is not None:
@@ -86,7 +87,3 @@ class StartBarrier:
         part.write_text(str(value))
         part.replace(path)
         return path
-
-
-def _names(observers: Sequence[str]) -> str:
-    return f"{plural(len(observers), 'observer')}: {', '.join(observers)}"

@@ -1,9 +1,12 @@
 """Fixtures of the observer's tests."""
 
+import errno
+
 import pytest
 import typer
 
 import labanmesh
+from observer import files
 
 
 @pytest.fixture
@@ -35,3 +38,13 @@ def command(tmp_path, monkeypatch, capsys):
         return call
 
     return of
+
+
+@pytest.fixture
+def full_disk(monkeypatch):
+    """Make a disk full, until the test undoes it."""
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    return lambda: monkeypatch.setattr(files.os, "fsync", full)

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from common import SECOND_NS
 from common.errors import BadInput
 
 
@@ -29,3 +30,21 @@ def pose2sim_markers(data, *markers):
     columns = [lines[3].split("\t").index(marker) for marker in markers]
     rows = [line.split("\t") for line in lines[5:] if line.strip()]
     return np.array([[[float(row[c + k]) for k in (2, 0, 1)] for c in columns] for row in rows])
+
+
+class WaitingClock:
+    """A clock that only `wait` advances; stands in for the time and for the stop event, set after so many waits."""
+
+    def __init__(self, stopped_after=None):
+        self.now_ns = self.began_ns = 1_000 * SECOND_NS
+        self.waits, self.stopped_after = [], stopped_after
+
+    def __call__(self):
+        return self.now_ns
+
+    def is_set(self):
+        return self.stopped_after == len(self.waits)
+
+    def wait(self, seconds):
+        self.waits.append(seconds)
+        self.now_ns += round(seconds * SECOND_NS)

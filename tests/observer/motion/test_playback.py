@@ -5,6 +5,7 @@ from itertools import islice
 
 import numpy as np
 import pytest
+from observer_stage import WaitingClock
 from processes import SOON_S
 
 from common import SECOND_NS
@@ -12,24 +13,6 @@ from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 
 PARTS = ("left_hand", "right_hand", "head")
-
-
-class Watch:
-    """A clock that only waiting moves; stands in for time and for the stop event at once."""
-
-    def __init__(self, now_ns=1_000 * SECOND_NS):
-        self.now_ns = self.began_ns = now_ns
-        self.waits = []
-
-    def __call__(self):
-        return self.now_ns
-
-    def is_set(self):
-        return False
-
-    def wait(self, seconds):
-        self.waits.append(seconds)
-        self.now_ns += round(seconds * SECOND_NS)
 
 
 def recording(frames, rate_hz=10.0, first=0):
@@ -51,7 +34,7 @@ def played(watch, *recordings, **arguments):
     ],
 )
 def test_frames_are_played_at_their_rate(lengths_and_rates, options, due_s):
-    watch = Watch()
+    watch = WaitingClock()
     frames = list(islice(played(watch, *(recording(*each) for each in lengths_and_rates), **options), len(due_s)))
     assert [(frame.captured_ns - watch.began_ns) / SECOND_NS for frame in frames] == pytest.approx(due_s)
     assert watch.waits == pytest.approx(np.diff(due_s).tolist())
@@ -62,14 +45,14 @@ def test_frames_are_played_at_their_rate(lengths_and_rates, options, due_s):
 
 @pytest.mark.parametrize("loop", [False, True])
 def test_the_last_frame_of_each_recording_is_marked(loop):
-    frames = islice(played(Watch(), recording(2), recording(3), loop=loop), 9)
+    frames = islice(played(WaitingClock(), recording(2), recording(3), loop=loop), 9)
     assert [frame.last for frame in frames] == [False, True, False, False, True, False, True, False, False][
         : 9 if loop else 5
     ]
 
 
 def test_speed_0_does_not_wait_and_stamps_the_time_of_playback():
-    watch = Watch()
+    watch = WaitingClock()
     for i, frame in enumerate(played(watch, recording(3), recording(2), speed=0.0)):
         assert frame.captured_ns == watch.began_ns + 7 * i
         watch.now_ns += 7
@@ -77,7 +60,7 @@ def test_speed_0_does_not_wait_and_stamps_the_time_of_playback():
 
 
 def test_a_common_start_is_waited_for():
-    watch = Watch()
+    watch = WaitingClock()
     first = next(played(watch, recording(2), start_ns=watch.began_ns + 2 * SECOND_NS))
     assert watch.waits == [2.0] and first.captured_ns == watch.began_ns + 2 * SECOND_NS
 
@@ -90,7 +73,7 @@ def slow(watch, frames, seconds):
 
 
 def test_after_a_short_stall_no_frame_is_lost():
-    watch = Watch()
+    watch = WaitingClock()
     frames = played(watch, recording(30, rate_hz=100.0))
     numbers = [next(frames).content[0, 0]]
     watch.now_ns += round(0.09 * SECOND_NS)
@@ -99,7 +82,7 @@ def test_after_a_short_stall_no_frame_is_lost():
 
 
 def test_a_slow_observer_gets_the_newest_frame_until_it_keeps_up_again():
-    watch = Watch()
+    watch = WaitingClock()
     frames = played(watch, recording(60, rate_hz=100.0))
     numbers, delays_s = zip(*islice(slow(watch, frames, 0.05), 6), strict=True)
     assert numbers == (0, 1, 2, 15, 20, 25) and max(delays_s[3:]) < 0.01
@@ -110,7 +93,7 @@ def test_a_slow_observer_gets_the_newest_frame_until_it_keeps_up_again():
 
 
 def test_the_end_of_a_recording_is_played_unless_the_next_one_is_over_too():
-    watch = Watch()
+    watch = WaitingClock()
     frames = played(watch, *(recording(5, first=10 * n) for n in range(4)))
     next(frames)
     watch.now_ns += round(1.7 * SECOND_NS)  # in the last recording
@@ -134,7 +117,7 @@ def test_stop_ends_a_wait():
 
 
 def test_in_slow_motion_frames_are_repeated_until_the_next_is_due():
-    watch = Watch()
+    watch = WaitingClock()
     frames = list(played(watch, recording(3), speed=0.25, repeats=True))
     since_s = [(frame.captured_ns - watch.began_ns) / SECOND_NS for frame in frames]
     assert max(np.diff(since_s)) < 0.15 and min(np.diff(since_s)) > 0.04
@@ -144,4 +127,4 @@ def test_in_slow_motion_frames_are_repeated_until_the_next_is_due():
 
 
 def test_at_full_speed_nothing_is_repeated():
-    assert not any(frame.repeated for frame in played(Watch(), recording(3, rate_hz=2.0), repeats=True))
+    assert not any(frame.repeated for frame in played(WaitingClock(), recording(3, rate_hz=2.0), repeats=True))

@@ -1,13 +1,12 @@
 """An observer's own tracks: cut out of what it saw, kept in a file that is whole at any time."""
 
-import errno
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from common import SECOND_NS
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
 from observer.motion.archive import TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.recording.own_tracks import TracksRecorder, moving_frames, trimmed
@@ -89,23 +88,6 @@ def test_takes_are_added_and_removed_and_the_file_is_whole_each_time(tmp_path):
     assert added(again, take) == "4"
     again.remove(lambda r: r.subject == "anna")
     assert not path.exists() and added(again, take) == "1"
-
-
-def test_a_full_disk_loses_only_the_new_take(tmp_path, monkeypatch):
-    path, recorder = tmp_path / "sofa.npz", recorder_after(5)
-    takes = TracksFile(path, BODY_PARTS, SOFA)
-    take = recorder.cut(at(1.5), at(3.5), label="raise", subject="anna")
-    added(takes, take)
-
-    def full(_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("os.fsync", full)
-        with pytest.raises(LabanmeshError, match="no space left on device"):
-            added(takes, take)
-    assert len(takes.recordings) == len(read_archive(path).recordings) == 1
-    assert added(takes, take) == "2"
 
 
 @pytest.mark.parametrize(

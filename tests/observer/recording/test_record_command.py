@@ -6,6 +6,7 @@ import threading
 import numpy as np
 import pytest
 from observer_stage import rejected
+from performances import PassThrough
 
 from common import SECOND_NS
 from common.errors import BadInput
@@ -21,7 +22,7 @@ from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
 from observer.recording.new_recording import NothingRecorded, build_recording
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, Frame
 
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0, 0.9, 0)) for yaw in (-50, 0, 45)]
 
@@ -38,19 +39,10 @@ def waving(seconds=2.0, rate_hz=30.0):
     return rest
 
 
-class CentresTracker:
-    """A tracker for frames that hold centres."""
-
-    body_parts = BODY_PARTS
-
-    def update(self, frame):
-        return Tracks(frame.content)
-
-
 def camera_of(name, matrix, centres, rate_hz, late_ns=0, motion=True):
     at = [round(i * SECOND_NS / rate_hz) + late_ns for i in range(len(centres))]
     frames = [Frame(t, c, t if motion else None) for t, c in zip(at, centres, strict=True)]
-    return RecordingCamera(name, iter(frames), CentresTracker(), matrix)
+    return RecordingCamera(name, iter(frames), PassThrough(), matrix)
 
 
 def cameras_of(positions, rate_hz, matrices, spoil=lambda camera, centres: centres, late_ns=0, motion=True):
@@ -126,7 +118,7 @@ def test_the_time_limit_does_not_wait_for_a_silent_live_camera():
     stop = threading.Event()
     live = cameras_of(waving(5), 30, CAMERAS[:2], motion=False)
     nothing = (Frame(0, np.zeros((3, 2))) for _ in range(1) if not stop.wait(20))
-    hanging = RecordingCamera("cam9", nothing, CentresTracker(), CAMERAS[0])
+    hanging = RecordingCamera("cam9", nothing, PassThrough(), CAMERAS[0])
     seen = read_cameras([*live, hanging], stop, seconds=1.0)
     assert stop.is_set()
     assert 29 <= len(seen[0].at_ns) <= 31 or 29 <= len(seen[1].at_ns) <= 31
@@ -182,8 +174,8 @@ def test_a_failing_camera_stops_all_and_raises():
     with rejected("the file is empty"):
         read_cameras(
             [
-                RecordingCamera("cam0", endless(), CentresTracker(), CAMERAS[0]),
-                RecordingCamera("cam1", broken(), CentresTracker(), CAMERAS[0]),
+                RecordingCamera("cam0", endless(), PassThrough(), CAMERAS[0]),
+                RecordingCamera("cam1", broken(), PassThrough(), CAMERAS[0]),
             ],
             stop,
         )

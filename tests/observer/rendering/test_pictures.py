@@ -148,17 +148,3 @@ def test_invalid_arguments_are_rejected_with_one_line():
     for make in wrong:
         with rejected():
             make()
-
-
-def test_opencvs_cascade_finds_the_face():
-    finder = cv2.CascadeClassifier(cv2.data.haarcascades + "haarcascade_frontalface_alt2.xml")
-    size = (1280, 720)
-    detected = 0
-    for seed in range(5):
-        view = Renderer(camera(size=size), size, Scenery(noise=3.0), seed, standing=STANDING)
-        grey = cv2.cvtColor(view.picture(APART, 0), cv2.COLOR_BGR2GRAY)[:360, 400:880]
-        u, v = project(camera(size=size), APART)[HEAD] - (400, 0)
-        detected += any(
-            x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3, minSize=(40, 40))
-        )
-    assert detected >= 4

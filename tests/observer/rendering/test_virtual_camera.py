@@ -46,12 +46,6 @@ def test_each_frame_of_motion_is_one_picture_stamped_when_it_was_due():
     assert (frames[0].content != frames[-1].content).any()
 
 
-def test_the_same_seed_gives_the_same_pictures():
-    scenery = Scenery("cluttered", noise=4.0)
-    first, second = (pictures(camera(scenery=scenery, seed=4)) for _ in range(2))
-    assert all((a == b).all() for a, b in zip(first, second, strict=True))
-
-
 def test_the_renderer_of_a_recording_gives_the_ground_truth():
     source = camera()
     played = source.motion.recordings[0]

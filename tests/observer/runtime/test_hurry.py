@@ -39,12 +39,6 @@ def test_it_is_in_a_hurry_for_a_while_after_the_last_frame_that_was_left_out():
     assert sum(judged[1:over]) <= (HURRIED_S / JUDGED_S) + 1 and all(judged[over:])
 
 
-def test_the_last_frame_of_a_recording_is_always_judged():
-    hurry, (first, second) = Hurry(JUDGED_S), frames([1, 0])
-    assert hurry.judges(first) and not hurry.judges(second)
-    assert hurry.judges(Frame(second.captured_ns + 1, np.empty(0), last=True))
-
-
 def test_a_clock_that_is_set_back_silences_no_observer():
     hurry = Hurry(JUDGED_S)
     assert hurry.judges(Frame(100 * SECOND_NS, np.empty(0), skipped=1))

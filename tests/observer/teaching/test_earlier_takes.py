@@ -1,13 +1,10 @@
 """Takes that were set aside: no lesson loses those of another, and they can be listed, restored and forgotten."""
 
-import errno
-
 import numpy as np
 import pytest
 
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import EARLIER_LIMIT, Unwanted
-from observer import files
 from observer.motion.archive import Recording, TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.teaching.takes_file import TakesFile
@@ -100,13 +97,10 @@ def test_forgetting_reaches_every_set_and_the_one_of_an_earlier_version(takes):
     assert list(takes.path.parent.iterdir()) == []
 
 
-def test_on_a_disk_without_space_what_is_forgotten_goes_and_the_rest_waits(takes, monkeypatch):
+def test_on_a_disk_without_space_what_is_forgotten_goes_and_the_rest_waits(takes, monkeypatch, full_disk):
     start(takes, LABELS, "l1"), add(takes, *LABELS, subject="ben"), add(takes, "wave")
 
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(files.os, "fsync", full)
+    full_disk()
     with pytest.raises(LabanmeshError):
         add(takes, "point")
     assert takes.drop("point", "2") == 1 and takes.drop("wave", "1") == 1

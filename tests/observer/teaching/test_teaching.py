@@ -1,7 +1,5 @@
 """Teaching as one observer sees it: what a teacher asks, and what is on the disk then. No network and no clock."""
 
-import errno
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from common import SECOND_NS
 from common.teaching_messages import LearnedReport, TeachRequest
 from common.vocabulary import RESERVED
 from common.wire import encode
-from observer import files
 from observer.motion.archive import Recording, TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.recording.own_tracks import TracksRecorder
@@ -272,14 +269,11 @@ def test_takes_of_another_tracker_stay_with_what_they_have(tmp_path):
     assert [bool(np.isfinite(r.positions[:, 3]).all()) for r in archive.recordings] == [False, True, False]
 
 
-def test_a_full_disk_loses_no_take(room, monkeypatch):
+def test_a_full_disk_loses_no_take(room, monkeypatch, full_disk):
     room.ask("start", labels=["wave", "clap"])
     room.perform("wave", 1)
 
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(files.os, "fsync", full)
+    full_disk()
     report = room.perform("wave", 2)
     assert report.state == "failed" and report.fault.endswith("no space left on device")
     assert "no space left" in room.ask("status").fault
@@ -288,7 +282,7 @@ def test_a_full_disk_loses_no_take(room, monkeypatch):
     assert "no space left" in room.ask("leave").fault and room.ask("status", teacher="ben").fault
     monkeypatch.undo()
     assert room.ask("status").takes == {"wave": [2]} and len(read_archive(room.path).recordings) == 1
-    monkeypatch.setattr(files.os, "fsync", full)
+    full_disk()
     room.ask("start", labels=["wave", "clap"]), room.perform("wave", 3)
     assert room.ask("forget", label="wave").forgotten.takes == 2 and not room.path.exists()
 
