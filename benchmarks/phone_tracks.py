@@ -12,13 +12,15 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
+import typer
 from playwright.sync_api import Route, sync_playwright
 
 from benchmarks.clips.material import Clip, gesture_clips, pictures_of
-from benchmarks.command_line import recordings_folder
+from benchmarks.command_line import recordings_folder, run_command
 from common import SECOND_NS
 from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.static_pages import StaticPages
@@ -89,18 +91,23 @@ def apart(folder: Path, other: Path, clips: Sequence[Clip]) -> Floats:
     return np.concatenate([np.linalg.norm(first - second, axis=2) for first, second in pairs])
 
 
-def main(words: Sequence[str]) -> None:
-    """Write the tracks, and compare them."""
-    folders = [Path(word) for word in words if not word.startswith("-")]
+def phone_tracks(
+    folder: Annotated[Path, typer.Argument(help="Where the tracks are written.")],
+    other: Annotated[Path | None, typer.Argument(help="A folder of tracks to compare them with.")] = None,
+    lite: Annotated[bool, typer.Option("--lite", help="The small model.")] = False,
+) -> None:
+    """Write the tracks of the clips as a phone's page finds them, and compare them with others.
+
+    Example: python -m benchmarks.phone_tracks tracks
+    """
     clips = gesture_clips(recordings_folder())
-    folders[0].mkdir(parents=True, exist_ok=True)
-    track(folders[0], clips, "--lite" in words)
-    print(f"{folders[0]}: tracks of {len(clips)} clips; python -m benchmarks.clips --tracks {folders[0]}")
-    for other in folders[1:]:
-        off = apart(folders[0], other, clips)
-        for part, row in zip(BODY_PARTS, off.T, strict=True):
+    folder.mkdir(parents=True, exist_ok=True)
+    track(folder, clips, lite)
+    print(f"{folder}: tracks of {len(clips)} clips; python -m benchmarks.clips --tracks {folder}")
+    if other is not None:
+        for part, row in zip(BODY_PARTS, apart(folder, other, clips).T, strict=True):
             print(f"{part}: {np.nanmean(row):.1f} px apart on average, median {np.nanmedian(row):.1f}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(run_command(phone_tracks, "phone_tracks"))

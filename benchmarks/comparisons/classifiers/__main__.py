@@ -178,4 +178,4 @@ def _task(whole: MotionArchive, settings: EvaluationSettings, labels: list[str],
 
 
 if __name__ == "__main__":
-    sys.exit(run_command(peers, "peers"))
+    sys.exit(run_command(peers, "comparisons.classifiers"))

@@ -3,6 +3,7 @@
 if __name__ == "__main__":
     import sys
 
-    from benchmarks.comparisons.transports.commands import main
+    from benchmarks.command_line import run_command
+    from benchmarks.comparisons.transports.commands import transports
 
-    sys.exit(main())
+    sys.exit(run_command(transports, "comparisons.transports"))

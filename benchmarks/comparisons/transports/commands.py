@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.command_line import markdown_table, read_page, replace_table, run_command
+from benchmarks.command_line import markdown_table, read_page, replace_table
 from benchmarks.comparisons.transports.clients import KINDS, available, program
 from benchmarks.comparisons.transports.stage import RunFigures, flooded, judgement, paced, posteriors, processors
 from common.progress import ProgressBar
@@ -133,11 +133,6 @@ def transports(
     if page:
         write_text(page, replace_table(text, table, BEGIN, END), "--page")
     print(table)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
-    return run_command(transports, "transports", arguments)
 
 
 def measure(names: Sequence[str], rounds: int, frames: int, seconds: float) -> dict[str, dict[str, FigureRange]]:
