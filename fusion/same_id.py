@@ -172,55 +172,14 @@ class SameIdError(LabanmeshError):
         )
 
 
-class IdCheck:
-    """Whether a process that starts is the only one with the id `own`. It begins when it is made: what takes a while
-    can be done before `is_free`.
-    """
-
-    def __init__(self, scenes: Sequence[Scene], own: str, link: Link) -> None:
-        # One scene suffices: a process announces itself in all of its scenes.
-        keys, first = scenes[0].keys, scenes[0]
-        # On one machine the first service listens: with a second one of its id the link could not have been opened.
-        self._is_alone = first.mesh.mode == "machine" and own == first.fusion.id
-        self._alive, self._detector = keys.fusion_alive(own), SameIdDetector("", float("-inf"), 0.0)
-        self._session = link.sub_session()
-        self._presence = self._session.presence(self._alive)
-        self._questions = _Questions(self._session, keys, own, self._detector)
-        self._begun_s = time.monotonic()
-
-    def is_free(self, stop: threading.Event) -> bool:
-        """Wait until no other process has the id; False if `stop` was set before.
-
-        The token of a killed process disappears within TOKEN_TIMEOUT_S. A token for which no process answers keeps no
-        service away. Raises SameIdError when a process with this id answers.
-        """
-        asked_s = time.monotonic()
-        with self._session:
-            if self._is_alone:
-                return not stop.is_set()
-            # Once in any case: what has arrived while the process was busy needs a moment to be taken.
-            while not stop.wait(0.02):
-                now_s = time.monotonic()
-                if self._alive in self._presence.alive:
-                    self._questions.ask(now_s)
-                elif now_s - self._begun_s >= DISCOVERY_S:
-                    return True
-                if self._detector.any_confirmed(now_s):
-                    raise SameIdError(self._alive)
-                if now_s - asked_s > TOKEN_TIMEOUT_S:
-                    log.warning("%s: a token of this id exists, but no process answers for it", self._alive)
-                    return True
-        return False
-
-
 class SameIdWatch:
     """Watches for other processes with the id of a running service in one scene."""
 
     def __init__(self, session: SubSession, keys: SceneKeys, own: str, detector: SameIdDetector) -> None:
         """session: in which to ask and listen; it is polled elsewhere."""
         self._alive, self._key, self._detector = keys.fusion_alive(own), keys.fusion_status(own), detector
-        self._statuses = session.inbox(self._key, limit=16, remote=True)
-        self._questions = _Questions(session, keys, own, detector)
+        self._session, self._statuses = session, session.inbox(self._key, limit=16, remote=True)
+        self._answers: deque[tuple[int, bytes]] = deque(maxlen=64)
         self.stance = Stance.GO_ON
 
     def record_judgement(self, message: JudgementMessage, now_s: float) -> bool:
@@ -238,9 +197,9 @@ class SameIdWatch:
                 status = decode_from(arrival.key, StatusMessage, arrival.payload)
                 if status.state in RUNNING:
                     self._detector.record_message(status.session, now_s)
-        if self.stance is Stance.GO_ON and not self._detector.has_suspects and not self._questions.has_answers:
+        if self.stance is Stance.GO_ON and not self._detector.has_suspects and not self._answers:
             return False
-        self._questions.ask(now_s, always=False)
+        self.ask(now_s)
         stance, self.stance = self.stance, self._detector.stance(epoch, now_s)
         if self.stance is Stance.END:
             raise SameIdError(self._alive)
@@ -248,21 +207,11 @@ class SameIdWatch:
             log.warning("%s: %s: %s", self._alive, SAME_ID_REASON, self.stance.value)
         return self._detector.any_confirmed(now_s)
 
+    def ask(self, now_s: float, *, always: bool = False) -> None:
+        """Take the answers of running processes; ask again for the status under this service's own key if it is due.
 
-class _Questions:
-    """Requests for the status under this service's own key, and the answers of running processes."""
-
-    def __init__(self, session: SubSession, keys: SceneKeys, own: str, detector: SameIdDetector) -> None:
-        self._session, self._key, self._detector = session, keys.fusion_status(own), detector
-        self._answers: deque[tuple[int, bytes]] = deque(maxlen=64)
-
-    @property
-    def has_answers(self) -> bool:
-        """Whether answers have arrived that were not taken yet."""
-        return bool(self._answers)
-
-    def ask(self, now_s: float, *, always: bool = True) -> None:
-        """Take the answers that have arrived; ask again if it is due. always: also if no session is suspected."""
+        always: also if no session is suspected.
+        """
         while self._answers:
             question, payload = self._answers.popleft()
             with suppress(BadMessage):
@@ -274,3 +223,44 @@ class _Questions:
         if (number := self._detector.next_question(now_s, always=always)) is not None:
             timeout_s = ANSWERS * ASK_EVERY_S
             self._session.request(self._key, lambda _, payload: self._answers.append((number, payload)), timeout_s)
+
+
+class IdCheck:
+    """Whether a process that starts is the only one with the id `own`. It begins when it is made: what takes a while
+    can be done before `is_free`.
+    """
+
+    def __init__(self, scenes: Sequence[Scene], own: str, link: Link) -> None:
+        # One scene suffices: a process announces itself in all of its scenes.
+        keys, first = scenes[0].keys, scenes[0]
+        # On one machine the first service listens: with a second one of its id the link could not have been opened.
+        self._is_alone = first.mesh.mode == "machine" and own == first.fusion.id
+        self._alive, self._detector = keys.fusion_alive(own), SameIdDetector("", float("-inf"), 0.0)
+        self._session = link.sub_session()
+        self._presence = self._session.presence(self._alive)
+        self._watch = SameIdWatch(self._session, keys, own, self._detector)
+        self._begun_s = time.monotonic()
+
+    def is_free(self, stop: threading.Event) -> bool:
+        """Wait until no other process has the id; False if `stop` was set before.
+
+        The token of a killed process disappears within TOKEN_TIMEOUT_S. A token for which no process answers keeps no
+        service away. Raises SameIdError when a process with this id answers.
+        """
+        asked_s = time.monotonic()
+        with self._session:
+            if self._is_alone:
+                return not stop.is_set()
+            # Once in any case: what has arrived while the process was busy needs a moment to be taken.
+            while not stop.wait(0.02):
+                now_s = time.monotonic()
+                if self._alive in self._presence.alive:
+                    self._watch.ask(now_s, always=True)
+                elif now_s - self._begun_s >= DISCOVERY_S:
+                    return True
+                if self._detector.any_confirmed(now_s):
+                    raise SameIdError(self._alive)
+                if now_s - asked_s > TOKEN_TIMEOUT_S:
+                    log.warning("%s: a token of this id exists, but no process answers for it", self._alive)
+                    return True
+        return False

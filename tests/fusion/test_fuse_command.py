@@ -65,7 +65,7 @@ def test_a_service_is_one_that_the_scene_names_or_any_where_scenes_are_shared(tm
 
 def test_a_service_waits_for_another_one_of_its_id_only_where_it_does_not_listen_itself(tmp_path, monkeypatch):
     asked = []
-    monkeypatch.setattr("fusion.same_id._Questions.ask", lambda *_: asked.append(1))
+    monkeypatch.setattr("fusion.same_id.SameIdWatch.ask", lambda *_, **__: asked.append(1))
     monkeypatch.setattr("fusion.same_id.DISCOVERY_S", 0.0)
     link, token = MagicMock(), SceneKeys("a").fusion_alive("fusion")
     link.sub_session.return_value.presence.return_value.alive = {token}
