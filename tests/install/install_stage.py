@@ -19,7 +19,7 @@ from studies.performer import perform, perform_continuously
 
 ROOT = Path(__file__).parents[2]
 MAKEFILE = (ROOT / "Makefile").read_text("utf-8")
-CAMERAS = re.search(r"\(CAMERAS\) '\.\[([\w,]+)\]'", MAKEFILE)[1]
+CAMERAS = re.search(r"\$\(CAMERAS\)/\.ready:.*?'\.\[([\w,]+)\]'", MAKEFILE, re.DOTALL)[1]
 """The extras of `make install`."""
 APP = "mediapipe,mqtt,dashboard"
 """Those of the Home Assistant app."""
