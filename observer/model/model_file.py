@@ -57,7 +57,7 @@ def read_model(path: Path) -> MovementModel:
         reason = f"of another version of labanmesh, or damaged: it lacks {error}"
     except (TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
         reason = f"damaged model file ({' '.join(f'{type(error).__name__}: {error}'.split())[:REASON_LENGTH]})"
-    raise BadInput(f"{path}: {reason[: 2 * REASON_LENGTH]}; {_learn_again(path, header)}")
+    raise BadInput(f"{path}: {reason}"[: 2 * REASON_LENGTH] + f"; {_learn_again(path, header)}")
 
 
 def _learn_again(path: Path, header: str) -> str:
