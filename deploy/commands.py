@@ -19,7 +19,7 @@ from common.lifecycle import stop_on_signals
 from common.tracker_choice import is_recording
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.hubs import EVENTS, hub_words
-from deploy.launcher import Job, Launcher, RestartPolicy
+from deploy.launcher import Job, Launcher
 from deploy.scene_lock import only_once, runtime_folder
 
 START_TOGETHER_S = 2.0
@@ -73,7 +73,7 @@ def up(
                 # A restarted fusion service continues its movement; the folder ends with the launcher.
                 **({} if config.fusion.memory is not None else {"LABANMESH_FUSION_MEMORY": folder}),
             },
-            policy=RestartPolicy(failures=FAILURES_WITH_AN_END if exit_when_done else None),
+            most_failures=FAILURES_WITH_AN_END if exit_when_done else None,
             ended=lambda name: (barrier / f"{name}.awaited").unlink(missing_ok=True),
         )
         status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)

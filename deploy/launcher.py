@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import IO
 
+from common.backoff import Backoff
 from common.lifecycle import SUPERVISOR_VARIABLE, as_json_line
 
 TERM_TIMEOUT_S = 5.0
@@ -29,6 +30,7 @@ OWN_NAME = "[up]"
 PROCESS_POLL_S = 0.1
 """How often the loop checks whether it should stop; the end of a process wakes it at once."""
 BAD_INPUT = 2
+RESTARTING = Backoff(0.5, 30.0, 60.0)
 
 
 class RunDecision(Enum):
@@ -39,25 +41,16 @@ class RunDecision(Enum):
     GIVEN_UP = "given up"
 
 
-@dataclass(frozen=True, slots=True)
-class RestartPolicy:
-    """first_s, longest_s: the shortest and longest pause; recovered_s: a run this long forgives earlier failures.
-
-    failures: how many in a row are too many; None: never.
-    """
-
-    first_s: float = 0.5
-    longest_s: float = 30.0
-    recovered_s: float = 60.0
-    failures: int | None = None
-
-
 @dataclass(slots=True)
 class RunHistory:
-    """One process's successive runs. lasting: it is not meant to end by itself."""
+    """One process's successive runs. lasting: it is not meant to end by itself.
+
+    most: how many failures in a row are too many; None: never.
+    """
 
     lasting: bool
-    policy: RestartPolicy = field(default_factory=RestartPolicy)
+    backoff: Backoff = RESTARTING
+    most: int | None = None
     failures: int = 0
 
     def decide(self, status: int, ran_s: float) -> RunDecision:
@@ -66,16 +59,14 @@ class RunHistory:
             return RunDecision.FINISHED
         if status == BAD_INPUT:
             return RunDecision.GIVEN_UP
-        self.failures = 1 if ran_s >= self.policy.recovered_s else self.failures + 1
-        limit = self.policy.failures
-        return RunDecision.GIVEN_UP if limit is not None and self.failures >= limit else RunDecision.RESTART
+        self.failures = self.backoff.failures(self.failures, ran_s)
+        is_hopeless = self.most is not None and self.failures >= self.most
+        return RunDecision.GIVEN_UP if is_hopeless else RunDecision.RESTART
 
     @property
     def pause_s(self) -> float:
-        """How long to wait before the next start: doubles with each failure in a row."""
-        # 2**16 pauses are past any longest_s; the cap keeps the power small.
-        doubled: float = self.policy.first_s * 2 ** min(self.failures - 1, 16)
-        return min(doubled, self.policy.longest_s)
+        """How long to wait before the next start."""
+        return self.backoff.wait_s(self.failures)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,8 +100,9 @@ class MergedLog:
 class Launcher:
     """Runs jobs until `stop` is set, or until no job is left that could do something.
 
-    environment: added to this process's own. policy: when to restart a failing job, and when to give it up. ended:
-    called with the name of each job that has ended, whether or not it is started again.
+    environment: added to this process's own. backoff: when a failing job is started again. most_failures: in a row,
+    after which it is given up; None: never. ended: called with the name of each job that has ended, whether or not it
+    is started again.
     """
 
     def __init__(
@@ -118,7 +110,8 @@ class Launcher:
         jobs: Sequence[Job],
         *,
         environment: Mapping[str, str] | None = None,
-        policy: RestartPolicy | None = None,
+        backoff: Backoff = RESTARTING,
+        most_failures: int | None = None,
         stream: IO[str] | None = None,
         ended: Callable[[str], None] = lambda name: None,
     ) -> None:
@@ -130,7 +123,7 @@ class Launcher:
             SUPERVISOR_VARIABLE: str(os.getpid()),
             **(environment or {}),
         }
-        self._histories = {job.name: RunHistory(job.lasting, policy or RestartPolicy()) for job in jobs}
+        self._histories = {job.name: RunHistory(job.lasting, backoff, most_failures) for job in jobs}
         as_json = self._environment.get("LABANMESH_LOG_FORMAT", "").lower() == "json"
         self._log = MergedLog(stream or sys.stderr, [*self._jobs, OWN_NAME], as_json=as_json)
         self._running: dict[str, subprocess.Popen[str]] = {}

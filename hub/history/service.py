@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 
+from common.backoff import Backoff
 from common.config import Scene
 from common.errors import BadInput
 from common.fall_messages import FallMessage
@@ -15,7 +16,7 @@ from hub.history.keeper import HistoryKeeper
 from hub.history.records import row_of
 from hub.instrumentation import instrumented
 from hub.notify.notifying import Notifying
-from hub.notify.sender import Pauses
+from hub.notify.sender import SENDING
 from hub.session import listen
 
 log = logging.getLogger("labanmesh.hub")
@@ -30,13 +31,13 @@ def serve(
     link: Link,
     stop: threading.Event,
     clock: Callable[[], int] = time.time_ns,
-    pauses: Pauses | None = None,
+    backoff: Backoff = SENDING,
 ) -> None:
     """Keep and tell until `stop` is set. Raises BadInput for a scene that asks for neither, and for its secrets."""
     require_something(scene)
     path = scene.place(scene.history.file) if scene.history.file else None
     keeper = HistoryKeeper(path, scene.history, time.monotonic, clock) if path else None
-    notifying = Notifying(scene, time.monotonic, clock, pauses)
+    notifying = Notifying(scene, time.monotonic, clock, backoff)
     supervisor = Notifier.from_environment()
     kept = f"history in {path}" if path else "no history"
     log.info("%s: %s; tells %s", scene.scene, kept, ", ".join(scene.notify) or "nobody")

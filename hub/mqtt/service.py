@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from aiomqtt import Client, MqttError
 
+from common.backoff import Backoff
 from common.config import MqttConfig, Scene
 from common.errors import BadInput
 from common.link import Link
@@ -30,7 +31,7 @@ from hub.mqtt.events import Publication, recalled_ns
 from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
 from hub.session import SceneListener, SceneUpdate
 
-FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 15.0
+CONNECTING = Backoff(0.5, 15.0)
 RECALL_S = 2.0
 """How long the broker may take to return what an earlier hub has left there."""
 NEWS_CHECK_S = 0.05
@@ -92,17 +93,17 @@ class MqttHub:
         return SceneListener(scene, link, note)
 
     async def _stay_connected(self) -> None:
-        pause_s = FIRST_PAUSE_S
+        failures = 0
         while not self._stop.is_set():
             try:
                 async with self._broker.client() as client:
-                    pause_s = FIRST_PAUSE_S
+                    failures = 0
                     await self._serve(client)
             except MqttError as error:
+                failures += 1
                 self._note_fault(error)
-                log.debug("the next try in %g s", pause_s)
-                await self._pause(pause_s)
-                pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
+                log.debug("the next try in %g s", CONNECTING.wait_s(failures))
+                await self._pause(CONNECTING.wait_s(failures))
 
     async def _serve(self, client: Client) -> None:
         await self._begin(client)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from common import SECOND_NS
+from common.backoff import Backoff
 from common.config import Scene
 from common.errors import BadInput, reason_of
 from common.fall_messages import FallMessage
@@ -16,7 +17,7 @@ from common.text import plural
 from hub.database import DatabaseFault
 from hub.notify.notification import Notification, notification_of, request_of
 from hub.notify.notification_queue import NotificationQueue
-from hub.notify.sender import Pauses, Receiver, WebhookSender
+from hub.notify.sender import SENDING, Receiver, WebhookSender
 
 log = logging.getLogger("labanmesh.hub")
 NOTIFICATIONS_LIMIT = 1000
@@ -63,10 +64,10 @@ class Notifying:
     """The queue and the senders; ticks: monotonic seconds, clock: Unix epoch in ns."""
 
     def __init__(
-        self, scene: Scene, ticks: Callable[[], float], clock: Callable[[], int], pauses: Pauses | None = None
+        self, scene: Scene, ticks: Callable[[], float], clock: Callable[[], int], backoff: Backoff = SENDING
     ) -> None:
         self._receivers, self._path = receivers_of(scene), queue_path(scene)
-        self._ticks, self._clock, self._pauses = ticks, clock, pauses
+        self._ticks, self._clock, self._backoff = ticks, clock, backoff
         self._queue: NotificationQueue | None = None
         self._senders: dict[str, WebhookSender] = {}
         self._waiting: deque[tuple[Receiver, Notification]] = deque(maxlen=NOTIFICATIONS_LIMIT)
@@ -115,7 +116,7 @@ class Notifying:
         if self._queue is None:
             self._queue = NotificationQueue(self._path, BUSY_S)
             self._senders = {
-                receiver.name: WebhookSender(receiver, self._queue, self._pauses, self._clock)
+                receiver.name: WebhookSender(receiver, self._queue, self._backoff, self._clock)
                 for receiver in self._receivers
             }
         return self._queue

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 from common import SECOND_NS
+from common.backoff import Backoff
 from common.config_events import NotifyConfig
 from common.message_types import printable
 from common.text import plural
@@ -24,6 +25,7 @@ from hub.notify.notification_queue import NotificationQueue, Waiting
 log = logging.getLogger("labanmesh.hub")
 HOUR_NS = 3600 * SECOND_NS
 IDLE_S = 1.0
+SENDING = Backoff(1.0, 300.0)
 ANSWER_CHARACTERS = 120
 """Bytes of an error's answer that are shown."""
 LATER = frozenset({401, 403, 404, 405, 408, 425, 429})
@@ -107,18 +109,6 @@ class Receiver:
         return post(self.url, signed(request, self.secret, int(time.time())), self.config.timeout_s)
 
 
-@dataclass(frozen=True, slots=True)
-class Pauses:
-    """Between two attempts: the first, doubled each time up to the longest, s."""
-
-    first_s: float = 1.0
-    longest_s: float = 300.0
-
-    def after(self, failures: int) -> float:
-        """The pause after so many failures in a row."""
-        return float(min(self.first_s * 2 ** min(failures - 1, 30), self.longest_s))
-
-
 class WebhookSender:
     """The thread; clock: Unix epoch in ns."""
 
@@ -126,11 +116,11 @@ class WebhookSender:
         self,
         receiver: Receiver,
         queue: NotificationQueue,
-        pauses: Pauses | None = None,
+        backoff: Backoff = SENDING,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
         self._receiver, self._queue, self._clock = receiver, queue, clock
-        self._pauses = pauses or Pauses()
+        self._backoff = backoff
         self._wake, self._ended = threading.Event(), threading.Event()
         self._failures, self._fault = 0, ""
         self._thread = threading.Thread(target=self._run, name=f"notify-{receiver.name}", daemon=True)
@@ -182,4 +172,4 @@ class WebhookSender:
         if fault != self._fault:
             self._fault = fault
             log.warning("notify.%s: %s; it is tried again, and what is due waits", self._receiver.name, fault)
-        return self._pauses.after(self._failures)
+        return self._backoff.wait_s(self._failures)

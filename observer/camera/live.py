@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from common import SECOND_NS
+from common.backoff import Backoff
 from common.errors import LabanmeshError
 from observer.camera.base import NOMINAL_HZ, CameraFault, Clock, Report, ignore_report
 from observer.camera.capture import Connect, OpenCvCamera
@@ -29,6 +30,8 @@ STOP_S = 0.1
 """Interval at which a thread that waits for a picture checks whether to stop."""
 JOIN_S = 3.0
 """Timeout for a camera to return from a blocking call; longer than the timeouts of such calls."""
+REOPENING = Backoff(0.25, 8.0, 2.0)
+"""Rule 4: the wait before a lost camera is opened again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,24 +89,6 @@ def digest(picture: Picture) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class Backoff:
-    """Rule 4: the wait before a lost camera is opened again, `first_s` doubled with each failure up to `longest_s`."""
-
-    first_s: float = 0.25
-    longest_s: float = 8.0
-    steady_s: float = 2.0
-
-    def failures(self, before: int, delivered_s: float) -> int:
-        """Failures in a row, counting one more by a camera that had delivered for `delivered_s` seconds."""
-        return 1 if delivered_s >= self.steady_s else before + 1
-
-    def wait_s(self, failures: int) -> float:
-        """Seconds to wait after that many failures in a row (at least 1)."""
-        # Without the bound of 60 doublings the float would overflow after a night.
-        return min(self.first_s * 2.0 ** min(failures - 1, 60), self.longest_s)
-
-
-@dataclass(frozen=True, slots=True)
 class LiveCamera:
     """A FrameSource whose camera may fail, freeze and return; ends only when stopped.
 
@@ -118,7 +103,7 @@ class LiveCamera:
     rate_hz: float = NOMINAL_HZ
     size_px: Size | None = None
     timeouts: CameraTimeouts = field(default_factory=CameraTimeouts)
-    backoff: Backoff = field(default_factory=Backoff)
+    backoff: Backoff = REOPENING
     ticks: Clock = time.monotonic_ns
     body_parts: tuple[str, ...] = ()
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from deploy.launcher import RestartPolicy, RunDecision, RunHistory
+from deploy.launcher import RunDecision, RunHistory
 
 
 @pytest.mark.parametrize(
@@ -32,5 +32,5 @@ def test_pauses_double_up_to_the_longest_and_a_long_run_forgives():
 
 
 def test_too_many_failures_in_a_row_are_given_up():
-    history = RunHistory(False, RestartPolicy(failures=3))
+    history = RunHistory(False, most=3)
     assert [history.decide(1, 0.1) for _ in range(3)] == [*[RunDecision.RESTART] * 2, RunDecision.GIVEN_UP]

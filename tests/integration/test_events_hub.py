@@ -11,6 +11,7 @@ from processes import until
 from webhook_server import WebhookServer
 
 from common import SECOND_NS
+from common.backoff import Backoff
 from common.config import read_scene
 from common.errors import BadInput
 from common.fall_messages import FallMessage
@@ -18,7 +19,6 @@ from common.messages import Agreement, VerdictMessage, Vote
 from common.wire import encode, encode_vocabulary
 from hub.history.history_file import HistoryFile, HistoryQuery
 from hub.history.service import require_something, serve
-from hub.notify.sender import Pauses
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def test_what_happens_is_kept_and_told(mesh, scene, server):
     path = scene.place("h.db")
     fusion = mesh.meeting
     fusion.answer(scene.keys.vocabulary, lambda: encode_vocabulary("room", VOCABULARY))
-    _, thread = mesh.run(partial(serve, pauses=Pauses(0.01, 0.1)), scene, mesh.peer("hub"))
+    _, thread = mesh.run(partial(serve, backoff=Backoff(0.01, 0.1)), scene, mesh.peer("hub"))
     verdicts, falls = fusion.publisher(scene.keys.verdict), fusion.publisher(scene.keys.fall)
     assert verdicts.wait_for_subscriber(20) and falls.wait_for_subscriber(20)
     label, other = VOCABULARY.labels[:2]

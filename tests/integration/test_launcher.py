@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 from processes import SOON_S
 
+from common.backoff import Backoff
 from common.config import read_scene
 from common.errors import LabanmeshError
 from deploy.commands import jobs, open_start_barrier, require_free_ports, up
-from deploy.launcher import Job, Launcher, RestartPolicy
+from deploy.launcher import Job, Launcher
 
-QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
+QUICK = Backoff(0.01, 0.02)
 LASTING = "import time; print('ready', flush=True); time.sleep(600)"
 
 
@@ -55,9 +56,9 @@ def launched():
     """Run a launcher in a thread; yields it with its log, its stop event and, in the end, its status."""
     threads, stops = [], []
 
-    def run(*jobs, policy=QUICK, **arguments):
+    def run(*jobs, most_failures=None, **arguments):
         stream, stop, status = Stream(), threading.Event(), []
-        launcher = Launcher(jobs, policy=policy, stream=stream)
+        launcher = Launcher(jobs, backoff=QUICK, most_failures=most_failures, stream=stream)
         thread = threading.Thread(target=lambda: status.append(launcher.run(stop, **arguments)))
         thread.start()
         threads.append(thread)
@@ -110,9 +111,7 @@ def test_bad_input_is_not_tried_again_and_the_others_go_on(launched):
 
 
 def test_a_failing_worker_is_given_up_in_a_scene_with_an_end(launched):
-    stream, _, ended = launched(
-        python("cam1", "raise SystemExit(1)"), policy=RestartPolicy(0.01, 0.02, failures=3), exit_when_done=True
-    )
+    stream, _, ended = launched(python("cam1", "raise SystemExit(1)"), most_failures=3, exit_when_done=True)
     assert ended() == 1 and "cam1 given up (status 1)" in stream.getvalue()
 
 

@@ -13,6 +13,7 @@ from processes import SOON_S, until, within
 from webhook_server import WebhookServer
 
 from common import SECOND_NS
+from common.backoff import Backoff
 from common.config import read_scene
 from common.config_events import NotifyConfig
 from common.errors import BadInput
@@ -20,11 +21,11 @@ from hub.database import DatabaseFault
 from hub.notify.notification import notification_of, request_of, signed, text_of
 from hub.notify.notification_queue import NotificationQueue
 from hub.notify.notifying import Notifying
-from hub.notify.sender import Pauses
+from hub.notify.sender import SENDING
 from labanmesh import main
 
 NOON = 1_700_000_000 * SECOND_NS
-QUICK = Pauses(0.01, 0.05)
+QUICK = Backoff(0.01, 0.05)
 
 
 def config(**more):
@@ -45,8 +46,8 @@ class Simulated:
     def __init__(self):
         self.now_s, self.lengths_s = 0.0, []
 
-    def after(self, failures):
-        pause_s = Pauses().after(failures)
+    def wait_s(self, failures):
+        pause_s = SENDING.wait_s(failures)
         self.lengths_s.append(pause_s)
         self.now_s += pause_s
         return 0.001

@@ -10,9 +10,10 @@ from camera_stage import WAIT_S, FrameReader
 from observer_stage import rejected
 from processes import within
 
+from common.backoff import Backoff
 from common.errors import LabanmeshError
 from observer.camera.base import CameraFault
-from observer.camera.live import Backoff, CameraHistory, CameraTimeouts, LatestFrame, LiveCamera
+from observer.camera.live import CameraHistory, CameraTimeouts, LatestFrame, LiveCamera
 
 SOON = Backoff(first_s=0.01, longest_s=0.02)
 SHORT = CameraTimeouts(silence_s=0.3, same_s=0.05)
@@ -139,7 +140,7 @@ def test_the_wait_grows_with_each_failure_in_a_row():
 
     camera = FakeCamera()
     camera.mode = "away"
-    assert list(LiveCamera("cam", camera.connect, backoff=RecordingBackoff()).frames(stop)) == []
+    assert list(LiveCamera("cam", camera.connect, backoff=RecordingBackoff(0.25, 8.0, 2.0)).frames(stop)) == []
     assert failure_counts[:4] == [1, 2, 3, 4]
 
 

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
+from common.backoff import Backoff
 from common.text import without_secrets
 from observer.camera.base import kind_of
-from observer.camera.live import Backoff, CameraHistory, CameraTimeouts, assess, digest, silent_in_s
+from observer.camera.live import CameraHistory, CameraTimeouts, assess, digest, silent_in_s
 
 MS = 1_000_000
 times = st.integers(0, 10**13)
@@ -60,8 +61,8 @@ def test_waits_double_up_to_the_longest(failures, first_s, times_longer):
 def test_the_wait_starts_over_only_for_a_camera_that_had_delivered():
     backoff = Backoff(first_s=0.25, longest_s=8, steady_s=2)
     assert [backoff.wait_s(n) for n in range(1, 8)] == [0.25, 0.5, 1, 2, 4, 8, 8]
-    assert backoff.failures(5, delivered_s=1.9) == 6
-    assert backoff.failures(5, delivered_s=2.0) == 1
+    assert backoff.failures(5, worked_s=1.9) == 6
+    assert backoff.failures(5, worked_s=2.0) == 1
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 59), st.integers(0, 79))
