@@ -196,7 +196,7 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
         scene = Scene.model_validate(table)
     except ValidationError as error:
         others = _inconsistencies(table, error) if _has_observers(error) else ()
-        faults += [f"{path}: {line}" for line in (*faults_of(error, Scene), *others)]
+        faults += [f"{path}: {line}" for line in dict.fromkeys([*faults_of(error, Scene), *others])]
     except Faults as error:
         faults += [f"{path}: {line}" for line in error.faults]
     if faults:
@@ -209,15 +209,19 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
 
 def _inconsistencies(table: Mapping[str, Any], error: ValidationError) -> Sequence[str]:
     """The faults of keys that do not fit each other, besides those of `error`."""
-    for _ in range(2):  # a required key that is left out is missing then
+    lines: list[str] = []
+    for _ in range(3):  # first within the sections, then between them; a required key that is left out is missing
         table = without_faults(table, error)
         try:
             Scene.model_validate(table)
         except Faults as faults:
-            return faults.faults
+            return [*lines, *faults.faults]
         except ValidationError as again:
             error = again
-    return ()
+            lines += faults_of(error, Scene, missing=False)
+        else:
+            break
+    return lines
 
 
 def _has_observers(error: ValidationError) -> bool:

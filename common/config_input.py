@@ -30,13 +30,13 @@ REMOVED_KEYS = {
 """Keys of the last release that are gone, and what to do instead; a line stays for one release."""
 
 
-def faults_of(error: ValidationError, model: type[BaseModel]) -> list[str]:
-    """One line for each fault: key, value, rule and what would be right.
+def faults_of(error: ValidationError, model: type[BaseModel], *, missing: bool = True) -> list[str]:
+    """One line for each fault: key, value, rule and what would be right. missing: also for keys that are missing.
 
     Unknown keys come first because it is often the misspelled one that is reported as missing.
     """
     faults = sorted(error.errors(include_url=False), key=lambda fault: fault["type"] != "extra_forbidden")
-    return [_line(fault, model) for fault in faults]
+    return [_line(fault, model) for fault in faults if missing or fault["type"] != "missing"]
 
 
 def without_faults(table: Mapping[str, Any], error: ValidationError) -> dict[str, Any]:
@@ -44,7 +44,9 @@ def without_faults(table: Mapping[str, Any], error: ValidationError) -> dict[str
     copy: dict[Any, Any] = deepcopy(dict(table))
     for fault in error.errors():
         section: dict[int | str, Any]
-        section, *deeper = copy, *fault["loc"]
+        # What is wrong with a section as a whole begins with the key at fault.
+        of_section = [_rule(fault["msg"]).partition(" ")[0]] if _is_of_section(fault) else []
+        section, deeper = copy, [*fault["loc"], *of_section]
         while len(deeper) > 1 and isinstance(section.get(deeper[0]), dict):
             section = section[deeper.pop(0)]
         section.pop(deeper[0], None)
@@ -75,6 +77,11 @@ def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping
     return faults
 
 
+def _is_of_section(fault: Mapping[str, Any]) -> bool:
+    """Whether keys of one section do not fit each other; the rule begins with the key at fault."""
+    return fault["type"] == "value_error" and isinstance(fault["input"], dict)
+
+
 def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
     place, kind, value = tuple(map(str, fault["loc"])), fault["type"], fault.get("input")
     key = ".".join(place)
@@ -90,8 +97,8 @@ def _line(fault: Mapping[str, Any], model: type[BaseModel]) -> str:
         of_list = named != place
         rule = f"item {int(place[-1]) + 1} is missing" if of_list else "missing; this key has no default"
         return f"{'.'.join(named)}: {rule}{_example(named[-1], field)}"
-    if kind == "value_error" and isinstance(value, dict):
-        return f"{key}.{_rule(fault['msg'])}"  # of several keys of one section; the rule begins with the key at fault
+    if _is_of_section(fault):
+        return f"{key}.{_rule(fault['msg'])}"
     section = key if place[0] != "observers" or len(place) > 2 else "observers.ID], e.g. [observers.cam1"
     rule = _rule(fault["msg"]).replace("[section]", f"[{section}]")
     way_out = _way_out(kind, value, named[-1], field) if named == place else _example(named[-1], field)

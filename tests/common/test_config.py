@@ -194,7 +194,7 @@ def test_line_ends_and_the_mark_of_other_editors_are_read(tmp_path):
             ],
         ),
         (
-            'follow = "nearest"\n[people]\nmost = 1\nnames = ["a", "b"]\n[fusion]\nperiodic = 3',
+            'follow_near = [0.5, 0.5]\n[people]\nmost = 1\nnames = ["a", "b"]\n[fusion]\nperiodic = 3',
             ["observers.cam1.follow = ", "people.names = ['a', 'b']", "fusion.periodic = 3"],
         ),
         (
