@@ -148,20 +148,6 @@ def test_the_metrics_of_observers_and_fusion(stage, log):
     assert ask(at["fusion"], "/")[0] == ask(at["fusion"], "/secrets")[0] == 404
 
 
-def test_rejected_messages_are_counted_and_unknown_observers_share_one_label(stage):
-    at, _, hub, read = stage
-    for name in ("cam1", "stranger1", "stranger2"):
-        publisher = hub.publisher(read.keys.posterior(name))
-        assert publisher.wait_for_subscriber(SOON_S)
-        publisher.put(b"nonsense")
-    name, reasons = "labanmesh_posteriors_rejected_total", ("unknown_observer", "not_msgpack")
-    others, cam1 = (
-        (name, f"observer={who}", f"reason={why}") for who, why in zip(("(others)", "cam1"), reasons, strict=True)
-    )
-    counts = until(lambda: (m := metrics(at["fusion"])).get(others) == 2 and m)
-    assert counts[cam1] == 1 and not [key for key in counts if "stranger" in str(key)]
-
-
 def test_an_observer_without_frames_is_alive_and_not_ready(stage):
     at, cameras, _, _ = stage
     until(lambda: ask(at["cam1"], "/readyz")[0] == 200)
