@@ -48,6 +48,23 @@ class Corrector:
     def __init__(self, recorder: TracksRecorder, takes: "TakesFile") -> None:
         self._recorder, self._takes = recorder, takes
         self._done: dict[str, _Correction] = {}
+        self._several: list[tuple[int, int]] = []
+        """Spans of frames (ns) in which the tracks may be of any of several people."""
+
+    def note_several(self, at_ns: int) -> None:
+        """In the frame at this time several people are seen, of whom nobody has chosen one."""
+        begin_ns, newest_ns = self._several.pop() if self._several else (at_ns, at_ns)
+        if not 0 <= at_ns - newest_ns <= WIDEN_S * SECOND_NS:
+            self._several.append((begin_ns, newest_ns))
+            begin_ns = at_ns
+        oldest_ns = self._recorder.oldest_ns or 0
+        self._several = [*(span for span in self._several if span[1] >= oldest_ns), (begin_ns, at_ns)]
+
+    def _require_one(self, times: CapturedSpan) -> None:
+        """Raise BadInput if several people were seen in an example's time."""
+        first_ns, last_ns = (self._recorder.at_ns_of(ns) for ns in (times.begin_ns, times.end_ns or times.begin_ns))
+        if any(begin_ns <= last_ns and first_ns <= end_ns for begin_ns, end_ns in self._several):
+            raise BadInput("saw several people then, and does not know which of them is meant: teach takes of it")
 
     def correct(self, request: TeachRequest) -> CorrectedReport:
         """Make an example of the span that the request names; a repeated request changes nothing.
@@ -60,6 +77,7 @@ class Corrector:
             return earlier.report
         span = CapturedSpan(request.from_ns, request.to_ns or None)
         recording, times = example_of(self._recorder, span, label=request.label, subject=person)
+        self._require_one(times)
         number = self._takes.free_take(request.label) if request.label else f"corrected {times.begin_ns}"
         report = CorrectedReport(
             id=request.correction, label=request.label, from_ns=times.begin_ns, to_ns=times.end_ns or 0,

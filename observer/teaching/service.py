@@ -104,7 +104,9 @@ class TeachableObserver:
             least_s = LESSON_S if self._teaching.is_taught(now_s) else IDLE_S
             self._recorder.memory_s = max(self._remembered_s, least_s)
             self._recorder.update(frame, tracks)
-            self._teaching.step(frame.at_ns, tracks, self._tracker.complaint or self._taught.complaint, now_s)
+            complaint = self._tracker.complaint or self._taught.complaint
+            is_of_any = len(self._tracker.persons()) > 1 and not (is_asked and self._taught.is_begun)
+            self._teaching.step(frame.at_ns, tracks, complaint, now_s, is_of_any)
         return posterior
 
     def end(self) -> Posterior | None:

@@ -26,12 +26,15 @@ PLACE_FRESH_S = 0.6
 
 
 class TaughtPerson:
-    """place: where the one stands who is taught; None: not known. complaint: why nobody is; "" if all is well."""
+    """place: where the one stands who is taught; None: not known. complaint: why nobody is; "" if all is well.
+
+    is_begun: whether a take was begun since the last lesson.
+    """
 
     def __init__(self, placer: FloorPlacer) -> None:
         self._placer = placer
         self._expected: FloorPlace | None = None
-        self._expected_s, self._is_begun = -math.inf, False
+        self._expected_s, self.is_begun = -math.inf, False
         self._id: int | None = None
         self.place: FloorPlace | None = None
         self.complaint = ""
@@ -39,12 +42,12 @@ class TaughtPerson:
     def expect(self, request: TeachRequest, now_s: float) -> None:
         """Take in what a teacher asks; with each take, and at each look before the first, the person is chosen anew."""
         if request.command == "leave":
-            self._expected, self._is_begun, self._id = None, False, None
+            self._expected, self.is_begun, self._id = None, False, None
         elif request.command in ("status", "begin"):
             if request.place is not None:
                 self._expected, self._expected_s = request.place.on_floor(), now_s
-            self._is_begun |= request.command == "begin"
-            if request.place is not None and (request.command == "begin" or not self._is_begun):
+            self.is_begun |= request.command == "begin"
+            if request.place is not None and (request.command == "begin" or not self.is_begun):
                 self._id = None
 
     def tracks(self, tracker: PreparedTracker, width_px: int, now_s: float) -> Tracks | None:

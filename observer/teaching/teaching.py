@@ -73,8 +73,10 @@ class Teaching:
         self._teacher, self._asked_s, self._stepped_s = "", float("-inf"), float("-inf")
         self._complaint, self._visible = "", False
 
-    def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float) -> None:
-        """Take in one frame, which the recorder has."""
+    def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float, is_of_any: bool = False) -> None:
+        """Take in one frame, which the recorder has; is_of_any: the tracks may be of any of several people."""
+        if is_of_any:
+            self._corrector.note_several(at_ns)
         self._stepped_s, self._complaint, self._visible = now_s, complaint, bool(tracks.visible.any())
         self._recording.people.update(at_ns, tracks)
         if not self.is_taught(now_s):

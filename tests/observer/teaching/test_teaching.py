@@ -47,7 +47,7 @@ class Room:
 
     def __init__(self, folder, refusal=""):
         self.path, self.learner, self.refusal = folder / "sofa.tracks.npz", FakeLearner(), refusal
-        self.now_s = 1000.0
+        self.now_s, self.is_of_any = 1000.0, False
         self.restart()
 
     def restart(self):
@@ -88,7 +88,7 @@ class Room:
     def see(self, tracks, complaint):
         at_ns = round(self.now_s * SECOND_NS)
         self.recorder.update(Frame(at_ns, np.empty(0)), tracks)
-        self.teaching.step(at_ns, tracks, complaint, self.now_s)
+        self.teaching.step(at_ns, tracks, complaint, self.now_s, self.is_of_any)
 
     def perform(self, label, take):
         assert self.ask("begin", label=label, take=take, person="anna").fault == ""
@@ -385,6 +385,14 @@ def test_a_wrong_verdict_becomes_an_example_cut_by_the_persons_own_motion(room):
     (first, *_) = read_archive(room.path).recordings
     assert (first.label, first.subject) == ("wave", "anna") and np.isfinite(first.positions).all()
     assert [r.trial for r in read_archive(room.path).recordings] == ["1", "2", "3"]
+
+
+def test_a_movement_of_one_of_several_people_is_no_example_of_any_of_them(room):
+    for room.is_of_any, fault in ((True, "saw several people then"), (False, ""), (True, "saw several people then")):
+        room.pass_s(7.0), room.pass_s(2.0, moving=True), room.pass_s(12.0)
+        assert correct(room, f"home-{room.now_s:.0f}", "wave", 13.0, 12.0).fault.startswith(fault)
+    assert correct(room, "home-0", "wave", 34.0, 33.0).fault == "", "of the time before"
+    assert len(room.ask("status").takes["wave"]) == 2
 
 
 def test_a_correction_may_be_repeated_and_corrected(room):
