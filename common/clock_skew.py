@@ -64,6 +64,11 @@ class ClockSkew:
         self.best = min(self._readings, key=lambda candidate: candidate.doubt_ns)
 
     @property
+    def least_ns(self) -> int | None:
+        """The skew if the answer with the shortest way back took no time; None before the first reading."""
+        return max((each.shown_ns - each.answered_ns for each in self._readings), default=None)
+
+    @property
     def skew_s(self) -> float | None:
         """Seconds by which the other clock is ahead of ours, negative if behind; None before the first reading."""
         return None if self.best is None else self.best.skew_ns / SECOND_NS

@@ -54,10 +54,10 @@ class PhoneClock:
     @property
     def _skew_ns(self) -> int | None:
         """By how much the phone's clock is ahead; None before the first answer."""
-        best = self._skew.best
-        if best is None or not self._lines_ns:
+        best, least_ns = self._skew.best, self._skew.least_ns
+        if best is None or least_ns is None or not self._lines_ns:
             return None if best is None else best.skew_ns
-        return min(best.skew_ns, best.shown_ns - best.answered_ns + min(self._lines_ns) // 2)
+        return min(best.skew_ns, least_ns + min(self._lines_ns) // 2)
 
     def captured_ns(self, phone_ms: float) -> int | None:
         """When a picture was taken, by our clock (Unix epoch, ns), as its tracks arrive now; None: drop them."""
