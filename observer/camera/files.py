@@ -263,12 +263,11 @@ class RecordedPictures:
     start_ns: Start = None
     clock: Clock = time.time_ns
     body_parts: tuple[str, ...] = ()
-    repeats: bool = False
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each picture when it is due. Raises BadInput when the files have changed since they were opened."""
         start_ns, before = begin_ns(self.start_ns, stop, self.clock), 0
-        player = FramePlayer(self.speed, stop, self.clock, self.repeats)
+        player = FramePlayer(self.speed, stop, self.clock)
         round_ns = self._played_ns(self.count)
         if self.loop and round_ns:
             # An observer that joins hours later need not read the film so many times.

@@ -27,13 +27,12 @@ def open_pictures(
     speed: float = 1.0,
     loop: bool = False,
     start_ns: Start = None,
-    repeats: bool = False,
     show_path: bool = False,
 ) -> FrameSource:
     """The source that `text` names; relative paths are below `folder`.
 
     rate_hz: requested from a camera, or used instead of a recording's own rate. size_px: required width and height.
-    speed, loop, start_ns, repeats: playback of recorded pictures, as in `RecordedPictures`. A live camera is
+    speed, loop, start_ns: playback of recorded pictures, as in `RecordedPictures`. A live camera is
     opened when its frames are asked for, and may be absent until then. show_path: its name has the path of its address.
 
     Raises BadInput, which never contains a secret, for an unknown scheme, a missing or empty file, an unreadable
@@ -46,9 +45,8 @@ def open_pictures(
         schemes = ", ".join(f"{scheme}://" for scheme in SCHEMES)
         raise BadInput(f"{without_secrets(text)}: unknown kind of address; known: {schemes}")
     if kind == "path":
-        return replace(
-            _open_recorded(text, folder, rate_hz, size_px), speed=speed, loop=loop, start_ns=start_ns, repeats=repeats
-        )
+        recorded = _open_recorded(text, folder, rate_hz, size_px)
+        return replace(recorded, speed=speed, loop=loop, start_ns=start_ns)
     rate_hz = rate_hz or NOMINAL_HZ
     name = f"camera {text}" if kind == "index" else without_secrets(text, show_path=show_path)
     return LiveCamera(name, partial(connect, text, rate_hz, size_px), report, rate_hz, size_px)

@@ -63,14 +63,13 @@ class FrameSkipper:
 class FramePlayer:
     """Delivers the frames of a recording: each when it is due, and for an observer that is too slow the newest.
 
-    speed 0: no waiting and no skipping; the capture time is the time of playback. repeats: in slow motion, frames are
+    speed 0: no waiting and no skipping; the capture time is the time of playback. Below 1, in slow motion, frames are
     repeated, so that their posterior stays new.
     """
 
     speed: float
     stop: threading.Event
     clock: Clock
-    repeats: bool = False
     _skipper: FrameSkipper = field(default_factory=FrameSkipper)
     _last: Frame | None = None
 
@@ -94,7 +93,7 @@ class FramePlayer:
     def _repeated_until(self, due_ns: int) -> Iterator[Frame]:
         """The last frame again and again until the next one is due, unless its recording has ended with it."""
         frame = self._last
-        if frame is None or frame.last or not (self.repeats and 0 < self.speed < 1):
+        if frame is None or frame.last or not 0 < self.speed < 1:
             return
         step_ns = round(FRAME_REPEAT_S * SECOND_NS)
         at_ns = frame.captured_ns + step_ns
@@ -135,7 +134,6 @@ class RecordedMotion:
     loop: bool = False
     start_ns: Start = None
     clock: Clock = time.time_ns
-    repeats: bool = False
 
     @property
     def length(self) -> int:
@@ -154,7 +152,7 @@ class RecordedMotion:
     def shown(self, stop: threading.Event, show: Show) -> Iterator[Frame]:
         """The same frames with other contents, which `show` makes of those that are delivered."""
         begun_ns = begin_ns(self.start_ns, stop, self.clock)
-        player = FramePlayer(self.speed, stop, self.clock, self.repeats)
+        player = FramePlayer(self.speed, stop, self.clock)
         motion_ns = number = 0
         for recording, following in self._in_order():
             count = len(recording.positions)

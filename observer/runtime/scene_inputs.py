@@ -128,7 +128,7 @@ def _played(scene: Scene, observer: str, view: View, pictures: bool, report: Rep
         motion = _recorded_motion(scene, observer, view, start_ns)
         _require_shown(motion, view, f"observers.{observer}", pictures=pictures)
         if not pictures:
-            return replace(motion, repeats=True)
+            return motion
         source = _virtual_camera(motion, view, section)
     use_one_thread()
     if size_px := section.size_px or getattr(source, "size_px", None):
@@ -192,7 +192,6 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: S
         speed=section.speed,
         loop=section.loop,
         start_ns=start_ns,
-        repeats=True,
         show_path=section.show_path,
     )
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from common.errors import BadInput
 from common.text import nearest
-from observer.motion.archive import MotionArchive, Recording, check_archive
+from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import bvh, csv_table, florence3d, msr_action3d
 from observer.motion.importers.base import (
@@ -65,6 +65,4 @@ def import_recordings(kind: str, path: Path, progress: Progress | None = None) -
     """
     if kind not in IMPORTERS:
         raise BadInput(f"kind {kind!r}: unknown; {nearest(kind.lower(), IMPORTERS)}")
-    result = IMPORTERS[kind](path, progress)
-    check_archive(result.archive, str(path))
-    return result
+    return IMPORTERS[kind](path, progress)

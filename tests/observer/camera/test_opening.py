@@ -78,7 +78,7 @@ def test_the_last_picture_of_a_film_is_found_again_if_it_was_skipped_before_the_
 
 def test_a_film_that_is_played_slowly_shows_each_picture_for_longer(video):
     clock = WaitingClock()
-    frames = list(played(open_pictures("clip.avi", video.parent, speed=0.1), clock, repeats=True).frames(clock))
+    frames = list(played(open_pictures("clip.avi", video.parent, speed=0.1), clock).frames(clock))
     assert max(np.diff(captured_s(frames))) < 0.15
     assert len([frame for frame in frames if not frame.repeated]) == 12
 

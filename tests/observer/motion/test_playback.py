@@ -118,7 +118,7 @@ def test_stop_ends_a_wait():
 
 def test_in_slow_motion_frames_are_repeated_until_the_next_is_due():
     watch = WaitingClock()
-    frames = list(played(watch, recording(3), speed=0.25, repeats=True))
+    frames = list(played(watch, recording(3), speed=0.25))
     since_s = [(frame.captured_ns - watch.began_ns) / SECOND_NS for frame in frames]
     assert max(np.diff(since_s)) < 0.15 and min(np.diff(since_s)) > 0.04
     assert [s for s, frame in zip(since_s, frames, strict=True) if not frame.repeated] == pytest.approx([0, 0.4, 0.8])
@@ -127,4 +127,4 @@ def test_in_slow_motion_frames_are_repeated_until_the_next_is_due():
 
 
 def test_at_full_speed_nothing_is_repeated():
-    assert not any(frame.repeated for frame in played(WaitingClock(), recording(3, rate_hz=2.0), repeats=True))
+    assert not any(frame.repeated for frame in played(WaitingClock(), recording(3, rate_hz=2.0)))
