@@ -11,7 +11,6 @@ from common.progress import ProgressBar
 from common.text import one_of, plural
 
 if TYPE_CHECKING:
-    from common.capture_file import CaptureFile
     from studies.replay.from_judgements import ReplayChange
     from studies.replay.playback import PlaybackOptions
 
@@ -47,44 +46,43 @@ def replay(
 
     Example: labanmesh replay monday.mcap --onto scene.toml --only posteriors
     """
-    from common.capture_file import CaptureFile
     from studies.replay.from_judgements import ReplayChange
     from studies.replay.playback import PlaybackOptions
 
     change = ReplayChange(tuple(without or ()), rule, quorum, threshold)
     options = PlaybackOptions(speed, one_of("--only", only, ("all", "posteriors")) == "posteriors")
+    if onto is None and options != PlaybackOptions():
+        raise BadInput("--speed, --only: only for playing back; add --onto SCENE")
     if onto is None:
-        if options != PlaybackOptions():
-            raise BadInput("--speed, --only: only for playing back; add --onto SCENE")
-        raise typer.Exit(0 if _judge(CaptureFile(capture), change, json) else 1)
+        raise typer.Exit(0 if _judge(capture, change, json) else 1)
     if change.any or json:
-        raise BadInput(
-            "--onto SCENE plays a capture unchanged; omit --without, --rule, --quorum, --threshold and --json"
-        )
-    _play(CaptureFile(capture), onto, options)
+        raise BadInput("--onto SCENE plays a capture unchanged; omit all options but --speed and --only")
+    _play(capture, onto, options)
 
 
-def _judge(capture: "CaptureFile", change: "ReplayChange", json: bool) -> bool:
+def _judge(path: Path, change: "ReplayChange", json: bool) -> bool:
     """Judge it again and print the result; returns whether it agrees wherever it should."""
+    from common.capture_file import CaptureFile
     from studies.replay.comparison import as_json, as_text
     from studies.replay.judging import judge_again
 
+    capture = CaptureFile(path)
     with ProgressBar() as bar:
         result = judge_again(capture, change, bar)
-    name = str(capture.path)
     if json:
-        print(json_text.dumps(as_json(result, name, capture.complete), indent=1))
+        print(json_text.dumps(as_json(result, str(path), capture.complete), indent=1))
     else:
-        print(as_text(result, name, capture.complete))
+        print(as_text(result, str(path), capture.complete))
     return result.faithful
 
 
-def _play(capture: "CaptureFile", onto: Path, options: "PlaybackOptions") -> None:
+def _play(path: Path, onto: Path, options: "PlaybackOptions") -> None:
+    from common.capture_file import CaptureFile
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from studies.replay.playback import play
 
-    scene = read_scene(onto)
+    capture, scene = CaptureFile(path), read_scene(onto)
     with stop_on_signals() as stop, ProgressBar() as bar:
         count = play(capture, scene, options, stop, bar)
-    print(f"{capture.path}: {plural(count, 'message')} played onto {scene.mesh.endpoint}")
+    print(f"{path}: {plural(count, 'message')} played onto {scene.mesh.endpoint}")

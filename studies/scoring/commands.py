@@ -39,6 +39,15 @@ def score(
 
     Example: labanmesh score mine.npz --references teacher.npz --label squat
     """
+    texts = {"label": label, "subjects": subjects, "trials": trials, "reference-trials": reference_trials}
+    choice = _Choice(*(split_list(f"--{name}", text) for name, text in texts.items()))
+    _score(performances, references, choice, views, report, as_json)
+
+
+def _score(
+    performances: Path, references: Path | None, choice: "_Choice", views: str, report: Path | None, as_json: bool
+) -> None:
+    """Score each performance of the choice, and show it."""
     from observer.motion.archive import movements_in
     from observer.motion.archive_file import read_archive
     from studies.output_files import make_folder
@@ -49,9 +58,6 @@ def score(
     shown = archive if references is None or is_same else read_archive(references)
     if shown.body_parts != archive.body_parts:
         raise BadInput(f"{references}: other body parts than {performances}; record or import both in the same way")
-    choice = _Choice(*(split_list(f"--{name}", text) for name, text in (
-        ("label", label), ("subjects", subjects), ("trials", trials), ("reference-trials", reference_trials),
-    )))  # fmt: skip
     performed = [each for each in movements_in(archive) if choice.is_performance(each.label, each.subject, each.trial)]
     if not performed:
         raise BadInput(f"{performances}: no recording of {choice}")
