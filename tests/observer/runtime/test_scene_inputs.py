@@ -106,6 +106,13 @@ def test_tracks_of_other_programs(opened, source, kind):
     assert isinstance(inputs.source, kind) and inputs.tracker.body_parts == BODY_PARTS
 
 
+def test_other_programs_send_the_whole_body_where_several_people_are_judged(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "d"\n[people]\nmost = 2\n[observers.cam1]\nsource = "zenoh:tracks"\n')
+    for wanted, parts in ((None, WHOLE_BODY), (("racket", "head"), ("racket", "head"))):
+        inputs = open_inputs(read_scene(tmp_path / "s.toml", {}), "cam1", wanted)
+        assert inputs.tracker.body_parts == parts and set(WHOLE_BODY) <= set(inputs.tracker.every_part)
+
+
 def test_a_phone_sends_the_whole_body_under_a_key_of_its_own(tmp_path):
     (tmp_path / "s.toml").write_text('scene = "d"\n[observers.cam1]\nsource = "phone"\n')
     inputs = open_inputs(read_scene(tmp_path / "s.toml", {}), "cam1", None)
