@@ -3,7 +3,6 @@
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
@@ -140,11 +139,3 @@ class Phones(RuleBasedStateMachine):
 
 
 TestPhones = Phones.TestCase
-
-
-@given(st.text(max_size=300))
-def test_no_text_is_a_code(text):
-    register = PhoneRegister().with_code("phone1", "the code itself", NOW)
-    if text != "the code itself":
-        with pytest.raises(RefusedError):
-            register.join(text, "secret", "", LATER)
