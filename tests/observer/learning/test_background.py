@@ -99,19 +99,10 @@ def archives(people, tmp_path):
 
 def test_learn_and_add_on_the_command_line(run, archives):
     words = ["learn", archives / "own.npz", "--view", "door", "-o", archives / "a.model"]
+    _, out, _ = run(*words, "--background", "blends")
+    assert "something else is known by blends of the movements; --background adds recordings" in out
     status, out, _ = run(*words, "--background", archives / "all.npz", "--background-labels", "byebye")
     assert status == 0 and "something else is known by blends of the movements and by byebye" in out
-    _, out, _ = run(
-        "learn",
-        archives / "own.npz",
-        "--view",
-        "door",
-        "-o",
-        archives / "b.model",
-        "--background",
-        "blends",
-    )
-    assert "something else is known by blends of the movements; --background adds recordings" in out
     more = ["learn", archives / "all.npz", "--view", "door", "-o", archives / "a.model", "--add-to"]
     status, out, _ = run(*more, archives / "a.model", "--labels", "byebye")
     assert status == 0 and "no longer something else: byebye" in out
