@@ -1,5 +1,6 @@
 """Training examples as chains of postures, and the likelihood of an observed posture (docs/design/model.md). Pure."""
 
+import copy
 import math
 from typing import Self
 
@@ -55,10 +56,10 @@ class Postures:
 
     def select(self, chains: Integers) -> "Postures":
         """The postures of these chains only. Those of a phase are copied when it is first reached."""
-        selected = object.__new__(Postures)
+        selected = copy.copy(self)
         selected._postures = np.empty((*self._postures.shape[:2], len(chains)), np.float32)
         selected._lengths, selected._length = self._lengths[:, :, chains], self._length[:, chains]
-        selected._first_of, selected._chosen, selected._copied = self._first_of, (self, chains), 0
+        selected._chosen, selected._copied = (self, chains), 0
         return selected
 
     def _copy(self, phases: int) -> None:

@@ -62,10 +62,10 @@ class Phase:
         self.header = header
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
-        self._share = REFERENCE_HZ / header.rate_hz
+        self._fifteenths = REFERENCE_HZ / header.rate_hz
         # Parts of one body move together: the evidence of four times as many counts as that of twice as many.
         # The parameter `sharpness` was chosen for hands and head.
-        self._shared = (len(BODY_PARTS) / len(parts_read(header.body_parts))) ** 0.5
+        self._weight_of_parts = (len(BODY_PARTS) / len(parts_read(header.body_parts))) ** 0.5
         self._cell_of = movement_of * self.facings + facing_of
         self._postures = Postures(chains.transpose(1, 2, 0))
         # A person at rest stands as people stood before and after their movements, without moving.
@@ -112,16 +112,15 @@ class Phase:
 
     def chain_filter(self, onset: Onset) -> ChainFilter:
         """The filter before the first frame."""
-        dynamics = chain_dynamics(self.header.parameters, self._share, onset.known)
+        dynamics = chain_dynamics(self.header.parameters, self._fifteenths, onset.known)
         shape = self.header.vocabulary.size, self.facings, self._chains.shape[1]
         return ChainFilter(self._cell_of, *shape, dynamics, onset.known)
 
     def evidence(self) -> PostureEvidence:
         """The likelihoods of frames that one person shows."""
-        parameters = self.header.parameters
         # At twice the frame rate, the evidence of one frame is spread over two.
-        sharpness, outlier = parameters["sharpness"] * self._share * self._shared, parameters["outlier"] * self._share
-        return PostureEvidence(self._postures, self._at_rest, sharpness, outlier)
+        sharpness, outlier = (self._fifteenths * self.header.parameters[name] for name in ("sharpness", "outlier"))
+        return PostureEvidence(self._postures, self._at_rest, sharpness * self._weight_of_parts, outlier)
 
 
 class PhaseWatch(Watch):
