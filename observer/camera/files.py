@@ -41,11 +41,6 @@ Skips = Callable[[int], bool]
 """Whether to leave out the picture of this number, unless it is the last one."""
 
 
-def none_skipped(_number: int) -> bool:
-    """Leave out no picture."""
-    return False
-
-
 @dataclass(frozen=True, slots=True)
 class PictureOfMany:
     """A picture of a film or a folder, its number from 0, and whether it is the last one."""
@@ -79,7 +74,7 @@ class Video:
         """All pictures from the first; raises as `played` does."""
         return (each.picture for each in self.played())
 
-    def played(self, skips: Skips = none_skipped) -> Iterator[PictureOfMany]:
+    def played(self, skips: Skips = lambda _: False) -> Iterator[PictureOfMany]:
         """The pictures from the first; BadInput when none can be read or one has another size.
 
         Skipped ones are decoded, since others depend on them, but not converted to colours.
@@ -127,7 +122,7 @@ class PictureFolder:
         """Number of pictures."""
         return len(self.files)
 
-    def played(self, skips: Skips = none_skipped) -> Iterator[PictureOfMany]:
+    def played(self, skips: Skips = lambda _: False) -> Iterator[PictureOfMany]:
         """The pictures, each read when it is played; BadInput for one that cannot be read or has another size."""
         for number, file in enumerate(self.files):
             last = number + 1 == self.count
