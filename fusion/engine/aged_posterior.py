@@ -205,8 +205,3 @@ def faded(posterior: AgedPosterior) -> AgedPosterior:
     return replace(
         posterior, p=p, answers=None, state="stale", unlearned=unlearned, surprise=surprise, facets=facets,
     )  # fmt: skip
-
-
-def freshness_after(seconds: float, constant_s: float) -> float:
-    """The freshness after fading for so long with this time constant; 1 before the fading begins."""
-    return 1.0 if seconds <= 0.0 else math.exp(-seconds / constant_s)

@@ -18,7 +18,7 @@ from common.probability import Floats, array_of, entropy_bits, normalise, unifor
 from common.vocabulary import Vocabulary
 from fusion.engine.aged_posterior import POOLED_STATES as POOLED_STATES
 from fusion.engine.aged_posterior import AgedPosterior as AgedPosterior
-from fusion.engine.aged_posterior import RosterEntry, answers_of, faded, freshness_after
+from fusion.engine.aged_posterior import RosterEntry, answers_of, faded
 from fusion.engine.trust import (
     HONEST,
     LEAST_TRUST,
@@ -196,11 +196,13 @@ class Roster:
         age_s = None if message is None else (now_ns - state.captured_ns) / SECOND_NS
         if age_s is not None and abs(age_s) <= self._config.drop_s:
             fresh_s = self._fresh_s if state.usual_s < self._fresh_s else state.usual_s
-            unseen_s = (state.captured_ns - state.visible_ns) / SECOND_NS
-            freshness = freshness_after(unseen_s - fresh_s, self._config.blind_s)
-            rest = state.rest if freshness == 1.0 else 1.0 - freshness * (1.0 - state.rest)
+            unseen_s, freshness, rest = (state.captured_ns - state.visible_ns) / SECOND_NS, 1.0, state.rest
+            if unseen_s > fresh_s:
+                freshness = math.exp((fresh_s - unseen_s) / self._config.blind_s)
+                rest = 1.0 - freshness * (1.0 - rest)
             if message is not None and not state.gone:
-                freshness *= freshness_after(age_s - fresh_s, self._config.fade_s)
+                if age_s > fresh_s:
+                    freshness *= math.exp((fresh_s - age_s) / self._config.fade_s)
                 fresh = AgedPosterior(
                     observer, state.p, rest, age_s, "counted", state.clock.skew_s, message.unlearned, state.surprise,
                     state.facets, trust, freshness, message.repetitions, state.answers,
