@@ -2,7 +2,6 @@
 
 import asyncio
 import logging
-import math
 import socket
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -67,7 +66,7 @@ def run_phones(run: PhoneRun) -> None:
     with (
         bound_socket(run.listen, "--listen") as port,
         bound_socket(Address("127.0.0.1", _port_above(run.listen)), "the port above --listen") as local,
-        stop_on_signals() as stop,
+        stop_on_signals(run.for_s) as stop,
         Notifier.from_environment() as supervisor,
         instrumented([scene], "phone") as instrumentation,
         Link.open(scene.mesh, "hub", scene=scene.scene, stop=stop) as link,
@@ -87,7 +86,7 @@ def run_phones(run: PhoneRun) -> None:
             page_port = local.getsockname()[1]
             _show(codes, f"http://127.0.0.1:{page_port}/")
             with run.file.naming_page(page_port):
-                asyncio.run(_serve(run, server, codes, (port, local), web, stop, listener.check))
+                asyncio.run(_serve(server, codes, (port, local), web, stop, listener.check))
 
 
 @contextmanager
@@ -124,7 +123,6 @@ def _server(
 
 
 async def _serve(
-    run: PhoneRun,
     server: PhoneServer,
     codes: ShownCodes,
     ports: tuple[socket.socket, socket.socket],
@@ -132,15 +130,14 @@ async def _serve(
     stop: threading.Event,
     check: Callable[[], None],
 ) -> None:
-    """Serve until `stop` is set, the run's seconds are over, or `check` raises."""
-    loop, ended = asyncio.get_running_loop(), asyncio.Event()
+    """Serve until `stop` is set, or `check` raises."""
+    ended = asyncio.Event()
     on_screen = partial(code_page, codes, lambda: server.live)
     tasks = [
         asyncio.create_task(server.run(ports[0], web.context, ended)),
         asyncio.create_task(serve_files(ports[1], on_screen, ended)),
     ]
-    end_s = math.inf if run.for_s is None else loop.time() + run.for_s
-    while not (stop.is_set() or loop.time() >= end_s or any(task.done() for task in tasks)):
+    while not (stop.is_set() or any(task.done() for task in tasks)):
         await asyncio.sleep(STOP_CHECK_S)
         check()
         server.show()
