@@ -1,4 +1,5 @@
-"""A hundred scenes on one hub: each verdict arrives once, and its memory stays; LABANMESH_LOAD_S says how long."""
+"""A hundred scenes on one hub: each verdict arrives once, and its memory stays; LABANMESH_LOAD_S says how long, at
+least: memory is judged by LEAST movements, which a busy machine takes longer for."""
 
 import os
 import threading
@@ -17,6 +18,7 @@ from common.same_movement import LIMIT
 
 SCENES = 100
 PAUSE_S = 0.6
+LEAST = LIMIT + 12
 GROWTH = 1.05
 """Memory of the second half over that of the first, once a hub remembers LIMIT movements of each scene."""
 
@@ -54,16 +56,15 @@ def test_no_verdict_of_a_hundred_scenes_is_lost_and_memory_is_flat(tmp_path):
             assert len(ids) == len(wanted) and set(ids) == wanted
     # Of each scene a hub remembers so many movements.
     settled = memory[LIMIT:]
-    assert len(settled) > 10, f"{number} movements: a longer LABANMESH_LOAD_S is needed"
     first, second = (max(half) for half in (settled[: len(settled) // 2], settled[len(settled) // 2 :]))
     print(f"{number * SCENES} verdicts of {SCENES} scenes in {seconds:g} s; {first:.0f} MB, then {second:.0f} MB")
     assert second < first * GROWTH
 
 
 def perform(rooms, seconds, measure):
-    """Movements in all rooms at once for this long: how many in each, and `measure()` after each."""
+    """LEAST movements in all rooms at once, and for this long: how many in each, and `measure()` after each."""
     pause, end_s, number, measured = threading.Event(), time.monotonic() + seconds, 0, []
-    while time.monotonic() < end_s:
+    while time.monotonic() < end_s or number < LEAST:
         for ended in (False, True):
             for room in rooms:
                 room.publish_verdict(LABELS[number % len(LABELS)], number, ended=ended)
