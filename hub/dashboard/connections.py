@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import ClassVar
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -34,25 +34,14 @@ CROWDED_S = 0.002
 full backlog of 128 is accepted within a third of a second."""
 
 
-class OpenConnection(Protocol):
-    """A browser's connection. idle: every request on it has been answered."""
-
-    @property
-    def idle(self) -> bool:
-        """Whether no request is being answered."""
-
-    def end(self) -> None:
-        """Close the connection at once."""
-
-
 @dataclass(slots=True)
 class ConnectionTable:
     """All open connections by the address that they came from, in the order in which they were opened. Pure."""
 
     limit: int = CONNECTIONS_LIMIT
     address_limit: int = ADDRESS_LIMIT
-    _open: dict[OpenConnection, str] = field(default_factory=dict)
-    _of: dict[str, dict[OpenConnection, None]] = field(default_factory=lambda: defaultdict(dict))
+    _open: dict["BrowserConnection", str] = field(default_factory=dict)
+    _of: dict[str, dict["BrowserConnection", None]] = field(default_factory=lambda: defaultdict(dict))
 
     def __len__(self) -> int:
         return len(self._open)
@@ -64,12 +53,12 @@ class ConnectionTable:
             return self._end_idle(own)
         return len(self._open) < self.limit or self._end_idle(self._open)
 
-    def add(self, connection: OpenConnection, address: str) -> None:
+    def add(self, connection: "BrowserConnection", address: str) -> None:
         """Take in a connection that was opened."""
         self._open[connection] = address
         self._of[address][connection] = None
 
-    def remove(self, connection: OpenConnection) -> None:
+    def remove(self, connection: "BrowserConnection") -> None:
         """Forget a connection that was closed."""
         address = self._open.pop(connection, None)
         if address is not None:
@@ -77,7 +66,7 @@ class ConnectionTable:
             if not self._of[address]:
                 del self._of[address]
 
-    def _end_idle(self, connections: dict[OpenConnection, None] | dict[OpenConnection, str]) -> bool:
+    def _end_idle(self, connections: "dict[BrowserConnection, None] | dict[BrowserConnection, str]") -> bool:
         oldest = next((each for each in connections if each.idle), None)
         if oldest is None:
             return False
