@@ -230,12 +230,12 @@ class Conditions:
         if not self._is_other(step):
             return False
         moved_ns = (self._held.agreed_ns or 0) - self._movement.began_ns
-        return self._movement.outage_ns is not None or moved_ns >= max(NOTICED_NS, self._lasts.least_ns)
+        return self._movement.outage_ns is not None or moved_ns >= max(NOTICED_NS, self._lasts.over_ns)
 
     def _is_premature(self, step: SegmentStep) -> bool:
         if not self._is_other(step) or self._decision.revisions >= REVISIONS_LIMIT:
             return False
-        is_soon = (self._held.agreed_ns or 0) - self._movement.began_ns < self._lasts.least_ns
+        is_soon = (self._held.agreed_ns or 0) - self._movement.began_ns < self._lasts.over_ns
         return is_soon or step.state.at_ns - self._decision.decided_ns >= REVISED_NS
 
     def _is_missed(self, step: SegmentStep) -> bool:

@@ -187,12 +187,14 @@ class Heard(NamedTuple):
 class Durations(NamedTuple):
     """What is known of how long movements with a label last; ns. shortest: of its takes.
 
-    least: none is over sooner, by half of the shortest take, or of a period, less NOTICED_S. rest, other: how long one
-    that is repeated may rest, or be something else, before it has ended; periodic: whether it may.
+    least: none is over sooner, by half of the shortest take, or of a period, less NOTICED_S; over: hardly any is, by
+    two thirds of the shortest take. rest, other: how long one that is repeated may rest, or be something else, before
+    it has ended; periodic: whether it may.
     """
 
     shortest_ns: float = inf
     least_ns: float = 0.0
+    over_ns: float = 0.0
     rest_ns: float = 0.0
     other_ns: float = 0.0
     periodic: bool = False
@@ -219,8 +221,10 @@ def durations_of(config: FusionConfig, vocabulary: Vocabulary) -> dict[str, Dura
             other_s = max(rest_s, turn_s, 2 * config.hold_s)
         shortest_s = inf if known.shortest_s is None else known.shortest_s
         least_s = 0.0 if once_s is None else once_s / 2 - NOTICED_S
-        shortest_ns, least_ns, rest_ns, other_ns = (s * SECOND_NS for s in (shortest_s, least_s, rest_s, other_s))
-        durations[label] = Durations(shortest_ns, least_ns, rest_ns, other_ns, label in periodic)
+        over_s = least_s if known.shortest_s is None or label in periodic else 2 * known.shortest_s / 3 - NOTICED_S
+        all_s = (shortest_s, least_s, over_s, rest_s, other_s)
+        shortest_ns, least_ns, over_ns, rest_ns, other_ns = (s * SECOND_NS for s in all_s)
+        durations[label] = Durations(shortest_ns, least_ns, over_ns, rest_ns, other_ns, label in periodic)
     return durations
 
 

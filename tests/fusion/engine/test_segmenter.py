@@ -321,11 +321,11 @@ TAKES = {"bow": MovementTimes(shortest_s=2.0), "lunge": MovementTimes(shortest_s
 
 @pytest.mark.parametrize(
     ("first", "contested", "is_revised"),
-    [(("bow", 12), False, True), (("bow", 12), True, True), (("bow", 15), False, False), (("lunge", 12), False, False)],
+    [(("bow", 19), False, True), (("bow", 19), True, True), (("bow", 22), False, False), (("lunge", 12), False, False)],
     ids=["too soon", "too soon, and contested", "late enough", "a short movement"],
 )
 def test_7_another_label_before_the_first_can_be_over_revises_it(first, contested, is_revised):
-    """No bow is over before 0.7 s, 14 steps: half of its shortest take, less 0.3 s."""
+    """Hardly any bow is over before 1.03 s, 21 steps: two thirds of its shortest take, less 0.3 s."""
     segmenter, (label, steps), published = Segmenter(CONFIG, Vocabulary(NAMES.labels, movements=TAKES)), first, []
     second = "lunge" if label == "bow" else "bow"
     course = [(label, 0.1, False)] * steps + [(second, 0.1, contested)] * 20 + [(second, 0.9, False)] * 5
