@@ -152,13 +152,13 @@ class RosterEntry:
     honest: float = HONEST
     clock: ObserverClock = field(default_factory=ObserverClock)
 
-    def begin_session(self, message: PosteriorMessage, now_ns: int, captured_ns: int) -> None:
-        """Begin the session of `message`, which is not the newest yet."""
+    def begin_session(self, message: PosteriorMessage, now_ns: int) -> None:
+        """Begin the session of `message`, which is not the newest yet; it has seen nobody so far."""
         if self.message is not None:
             self.past_sessions.append(self.message.session)
         if message.session in self.past_sessions:
             self.past_sessions.remove(message.session)
-        self.session_ns, self.visible_ns, self.steady = now_ns, captured_ns, HONEST
+        self.session_ns, self.visible_ns, self.steady = now_ns, 0, HONEST
         self.gaps_ns.clear()
         self.usual_s = 0.0
 

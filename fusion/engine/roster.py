@@ -91,14 +91,14 @@ class Roster:
         last, p = state.message, self._over_our_prior(message)
         answers = answers_of(p, message.unlearned)
         if last is None or message.session != last.session:
-            state.begin_session(message, now_ns, captured_ns)
+            state.begin_session(message, now_ns)
         else:
-            # An observer that does not publish what is visible, as an audio classifier, is not blind.
-            if not message.visible or True in message.visible.values():
-                state.visible_ns = captured_ns
             state.note_gap(captured_ns - state.captured_ns)
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
             state.steady = after_message(state.steady, overlap_of(state.answers, answers), seconds)
+        # An observer that does not publish what is visible, as an audio classifier, is not blind.
+        if not message.visible or True in message.visible.values():
+            state.visible_ns = captured_ns
         state.message, state.p, state.answers = message, p, answers
         state.captured_ns, state.received_ns = captured_ns, now_ns
         # Of an observer that does not publish rest, its entropy over the largest.

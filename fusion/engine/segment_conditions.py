@@ -100,7 +100,7 @@ class Conditions:
         before = self._held if self._held_for(self._last_ns) else None
         self._last_ns = state.at_ns
         self._hold(state, self.state in ENDING and state.rests)
-        if self.state is IDLE and state.observed and state.idle:
+        if self.state is IDLE and state.observed and state.idle and state.rest < 1.0:  # 1: nobody is seen.
             self._movement = NOTHING
         if self.state is not IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)

@@ -261,6 +261,9 @@ def test_rule_7_an_observer_that_sees_nothing_fades_by_the_formula_and_is_restor
     assert cam.at(after(1.1)).p == pytest.approx(P) and cam.state(after(1.1)) == "counted"
     unsaid = Cam1(message(seq=0), message(after(1), seq=1), now_ns=after(1))
     assert unsaid.at(after(1)).p == pytest.approx(P)  # an observer that does not publish `visible` is not blind
+    none_yet = Cam1()
+    none_yet.receive(message(after(0), seq=0, **blind), after(0))
+    assert none_yet.at(after(0)).rest == 1.0 and none_yet.at(after(0)).p == pytest.approx(tempered(P, 0.0))
 
 
 def test_rules_3_and_7_an_observer_that_sees_nothing_and_falls_silent_fades_by_both_and_towards_rest():

@@ -154,6 +154,7 @@ CASES = {
     "1: as likely at rest as not is no movement": (([("bow", 0.9, 4, 0.5)] * 30,), {}),
     "1: motion of two steps is no movement": ((rest(5), moving(2), rest(20)), {}),
     "1: nor is motion of less than 0.3 s as the posteriors begin, undecided": ((moving(5), rest(20)), {}),
+    "1: nor if nobody was seen before": (([("bow", 0.5, 0, 1.0)] * 3, moving(5), rest(20)), {}),
     "1: which is one once the person has rested": ((rest(1), moving(5), rest(20)), {9: ("abstain", 1, 9, 6)}),
     "1: a flicker of rest does not repeat the last movement": (
         (sure(10), sure_at_rest(10), sure(1), sure_at_rest(10), sure(2), sure_at_rest(10)),
