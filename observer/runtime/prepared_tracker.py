@@ -88,9 +88,9 @@ class PreparedTracker:
         """
         if self.all_tracks is None or not self.hold:
             begun_s = self._cpu_s()
-            found = self.tracker.update(frame)
+            tracks = self.tracker.update(frame)
             self.cost_s = self._cpu_s() - begun_s
-            self.all_tracks = self._settled(found)
+            self.all_tracks = self._settled(tracks)
         tracks = self.all_tracks
         guesses = None if tracks.guesses is None else self._wanted(tracks.guesses)
         self.picture_tracks = Tracks(self._wanted(tracks.centres), guesses, tracks.people)
