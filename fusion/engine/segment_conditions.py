@@ -154,10 +154,14 @@ class Conditions:
         return self._held.label if agreed_ns is not None and at_ns - agreed_ns >= self._hold_ns else None
 
     def _goes_on(self, state: PooledState) -> bool:
-        """Whether the movement goes on: its label is likeliest and half as likely as demanded; undecided, any is."""
+        """Whether the movement goes on: its label is likeliest and half as likely as demanded; undecided, any is.
+
+        Another label that fewer than `quorum` observers hold changes nothing: the others may have just begun.
+        """
         decision = self._decision
         is_own = state.label == decision.label and 2 * state.p >= self._config.threshold
-        return (is_own or decision is UNDECIDED) and not state.idle
+        is_alone = state.label != decision.label and state.agreeing < self._config.quorum
+        return (is_own or is_alone or decision is UNDECIDED) and not state.idle
 
     def _begin(self, at_ns: int) -> None:
         """Begin a movement, with the label that was held before it (rules 3 and 9)."""

@@ -308,6 +308,10 @@ RULE_7 = {
         (sure(6), moving(20, p=0.4), rest(5)),
         [("decided", "bow", 0, None), ("ended", "bow", 0, 26)],
     ),
+    "fewer observers than name a movement end none": (
+        (sure(6), sure(12, "lunge", agreeing=1), sure(4), rest(5)),
+        [("decided", "bow", 0, None), ("ended", "bow", 0, 22)],
+    ),
     "undecided, it was something else": ((moving(6), else_steps(12), rest(5)), []),
 }
 
