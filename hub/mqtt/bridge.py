@@ -2,7 +2,8 @@
 
 1. States are retained and published when they change, paced by states.py; events are not retained and not paced.
 2. After a new connection, and when Home Assistant has restarted, everything is published again: discovery, then states.
-3. An event waits until the broker has confirmed it: `next_event` returns it, `confirm_event` goes on.
+3. An event waits until the broker has confirmed it: `next_event` returns it, `confirm_event` goes on. It is sent again
+   only on a new connection: listeners cannot tell a copy from another event.
 4. A facet that no observer has reported has no entity.
 5. What belongs to a movement follows the vocabulary: it is published as soon as the movement is known, and removed by
    an empty retained message when the vocabulary has it no more, also what an earlier hub has left at the broker.

@@ -27,7 +27,7 @@ from hub.anticipation import is_early
 from hub.instrumentation import HubInstrumentation, instrumented
 from hub.mqtt.bridge import SceneBridge, require_one_broker
 from hub.mqtt.broker import MqttBroker, broker_of, fault_text, permanent_fault
-from hub.mqtt.events import Publication, recalled_ns
+from hub.mqtt.events import EVENT_S, Publication, recalled_ns
 from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
 from hub.session import SceneListener, SceneUpdate
 
@@ -275,7 +275,8 @@ def serve(scenes: Sequence[Scene], stop: threading.Event) -> None:
 
 
 async def _publish(client: Client, publication: Publication, qos: int) -> None:
-    await client.publish(publication.topic, publication.payload, qos=qos, retain=publication.retain)
+    # A broker that is busy confirms late; on a new connection, all that it has not confirmed would come twice.
+    await client.publish(publication.topic, publication.payload, qos=qos, retain=publication.retain, timeout=EVENT_S)
 
 
 def _set_from_thread(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:

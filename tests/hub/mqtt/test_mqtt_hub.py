@@ -1,19 +1,22 @@
 """`labanmesh hub mqtt` with a real broker: what it publishes when, and what survives a restart."""
 
 import json
+import os
 import signal
 import subprocess
+import threading
 from datetime import UTC, datetime
 
 import pytest
 from mqtt_stage import Broker, Hub, Listener
 from played_scene import LABELS, ROOT, hub_section
-from processes import SOON_S, within
+from processes import SOON_S, until, within
 
 from benchmarks.timing import free_port
 from common.certificate_authority import issue, make_authority
 from common.config import read_scene
 from hub.home_assistant import home_assistant_advice
+from hub.mqtt.service import serve
 from labanmesh import main
 
 T = "labanmesh/room"
@@ -116,6 +119,27 @@ def test_a_broker_that_restarts_gets_everything_again_and_no_verdict_is_lost(roo
         listener.wait_for(lambda: '"byebye"' in listener.last.get(f"{T}/last_verdict", ""))
     running.connected(2)
     assert running.log.count("no MQTT broker") == 1, running.log
+
+
+def test_a_broker_that_confirms_late_passes_each_event_on_once(room, broker, listener, tmp_path, monkeypatch):
+    monkeypatch.setattr("hub.mqtt.broker.CONNECTION_TIMEOUT_S", 0.5)
+    scene, stop = read_scene(room.scene_file(tmp_path / "room.toml", hub_section(broker.port))), threading.Event()
+    serving = threading.Thread(target=serve, args=([scene], stop))
+    serving.start()
+    try:
+        listener.wait_for_state("labanmesh/room/bridge", "online")
+        listener.wait_for(lambda: f"{T}/state" in listener.last)
+        os.kill(broker.pid, signal.SIGSTOP)
+        ids, judged = {room.publish_verdict("ok", number) for number in (1, 2)}, room._seq
+        until(lambda: room._seq > judged + 15, "the broker stood still for much longer than connecting may take")
+        os.kill(broker.pid, signal.SIGCONT)
+        ids.add(room.publish_verdict("maestro", 3))
+        listener.wait_for(lambda: {each["id"] for each in listener.events(f"{T}/verdict")} == ids)
+    finally:
+        stop.set()
+        serving.join(SOON_S)
+    listener.wait_for_state("labanmesh/room/bridge", "offline")
+    assert len(listener.events(f"{T}/verdict")) == 3
 
 
 def test_when_home_assistant_starts_everything_is_published_again(room, hub, listener):
