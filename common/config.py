@@ -6,6 +6,7 @@ config_*.py hold the sections, config_input.py the environment's overrides and t
 import os
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -201,8 +202,51 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
         faults += [f"{path}: {line}" for line in error.faults]
     if faults:
         raise Faults(faults, f"labanmesh doctor {shlex.quote(str(path))}")
+    return _placed(scene, path, os.environ if environment is None else environment)
+
+
+def sound_part(path: Path) -> Scene | None:
+    """The scene; of a file that `read_scene` refuses, its observers, fusion rule and hubs, for further checks.
+
+    Faulty keys then have their defaults; observers without a source are left out. None where nothing is left.
+    """
+    with suppress(BadInput):
+        return read_scene(path)
+    try:
+        table = _parse(path)
+    except BadInput:
+        return None
+    override(table, Scene, os.environ)
+    sections = table.get("observers")
+    observers = sections.items() if isinstance(sections, dict) else ()
+    part: dict[str, Any] = {"scene": "scene", "people": table.get("people", {})}
+    part["observers"] = {name: section for name, section in observers if _has_source(name, section)}
+    for section, key in (("fusion", "rule"), ("hub", "start")):
+        if isinstance(own := table.get(section), dict) and key in own:
+            part[section] = {key: own[key]}
+    for _ in range(3):
+        _set_defaults(part)
+        try:
+            return _placed(Scene.model_validate(part), path, os.environ)
+        except ValidationError as error:
+            part = without_faults(part, error)
+        except Faults:
+            break
+    return None
+
+
+def _has_source(name: str, section: object) -> bool:
+    try:
+        identifier(name, "observers")
+    except BadInput:
+        return False
+    return isinstance(section, dict) and isinstance(section.get("source"), str) and section["source"] != ""
+
+
+def _placed(scene: Scene, path: Path, environment: Mapping[str, str]) -> Scene:
+    """The scene with the folders that its file and the environment give it."""
     scene._folder, scene._file = path.absolute().parent, path
-    models = (os.environ if environment is None else environment).get(MODELS_VARIABLE)
+    models = environment.get(MODELS_VARIABLE)
     scene._models = expand_home(models) if models else None
     return scene
 

@@ -6,15 +6,16 @@
 import sys
 from pathlib import Path
 
-from common.config import read_scene
+from common.config import sound_part
 from common.errors import BadInput
-from fusion.engine.rules import get_rule
+from fusion.engine.rules import DEFAULT_RULE, get_rule
 
 
 def fault_of(path: Path) -> str:
-    """Why the scene file cannot be fused; "" if it can."""
+    """Why the rule of the scene file cannot fuse; "" if it can."""
+    scene = sound_part(path)
     try:
-        get_rule(read_scene(path).fusion.rule)
+        get_rule(scene.fusion.rule if scene else DEFAULT_RULE)
     except BadInput as fault:
         return str(fault)
     return ""

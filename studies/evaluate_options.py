@@ -65,7 +65,7 @@ class EvaluateOptions:
         str,
         typer.Option(
             help="Movements learned as `something else`, separated by commas; a number: that many of --unlearned, "
-            "then not shown; blends: mixtures of the learned ones only."
+            "then not shown."
         ),
     ] = ""
     body_parts: BodyParts = ""

@@ -138,7 +138,7 @@ def _watched(
     moving: Sequence[Recording] = ()
     if streams:
         moving = continuous(archive, people) or strung(split.test, _rng(settings, number))
-    learned = (*settings.labels, *(settings.background or ()))
+    learned = (*settings.labels, *settings.background)
     n_train = sum(r.label in learned for r in split.train.recordings)
     other = (*(without_movement(archive, people) if streams else ()), *settings.other_motion)
     shown = trials_of(split, settings, number) if trials else []
@@ -196,9 +196,9 @@ def learn_observer(split: Split, view: View, vocabulary: Vocabulary, settings: E
 
 
 def _background_of(split: Split, settings: EvaluationSettings) -> MotionArchive | None:
-    if settings.background is None and settings.background_archive is None:
+    if not settings.background and settings.background_archive is None:
         return None
-    own = with_labels(split.train, settings.background or ()).recordings
+    own = with_labels(split.train, settings.background).recordings
     others = () if settings.background_archive is None else settings.background_archive.recordings
     return MotionArchive(split.train.body_parts, (*own, *others))
 

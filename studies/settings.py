@@ -22,7 +22,7 @@ class EvaluationSettings:
 
     calibrated: observers scale their certainty by how often they are right.
     unlearned: movements that streams show without their having been learned. background: movements of the training
-    people that the models know as "something else"; empty: blends of the learned ones only; None: no such class.
+    people that the models know as "something else".
     sensors: for each view its own archive (studies.sensors); empty: all views see one archive. background_archive:
     recordings of other people that the models know as "something else" too. other_motion: streams in which no movement
     of the vocabulary happens. The last two have the archive's body parts and rate.
@@ -42,7 +42,7 @@ class EvaluationSettings:
     onset_known: bool = True
     calibrated: bool = True
     unlearned: tuple[str, ...] = ()
-    background: tuple[str, ...] | None = None
+    background: tuple[str, ...] = ()
     seed: int = 0
     sensors: tuple[MotionArchive, ...] = ()
     background_archive: MotionArchive | None = None
@@ -58,7 +58,7 @@ def check_names(names: Sequence[str]) -> None:
 
 def folds_of(archive: MotionArchive, settings: EvaluationSettings, shown: Sequence[str]) -> list[Split]:
     """Training people, with the background movements, and test people, with the movements `shown`."""
-    chosen = with_labels(archive, (*shown, *(settings.background or ())))
+    chosen = with_labels(archive, (*shown, *settings.background))
     folds = splits(chosen, settings.train_subjects, settings.test_subjects, settings.leave_one_subject_out)
     return [
         replace(

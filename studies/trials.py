@@ -10,7 +10,6 @@ from common.errors import BadInput
 from common.text import split_list
 from observer.body import OF_JERKS, QUIET_SHARE
 from observer.geometry.views import turned
-from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
 from observer.motion.importers.msr_action3d import MSR_LABELS
 from observer.tracks import BODY_PARTS
@@ -178,7 +177,7 @@ def _trembling(positions: NDArray[np.float32]) -> float:
 
 def unlearned_and_background(
     unlearned: str, background: str, learned: Labels, known: Labels, seed: int = 0
-) -> tuple[Labels, Labels | None]:
+) -> tuple[Labels, Labels]:
     """The values of --unlearned and --background-labels -> the movements of each; known: all of the archive.
 
     `others` are all movements that are neither learned nor background. A number for the background draws that many
@@ -195,8 +194,6 @@ def unlearned_and_background(
     if isinstance(chosen, int):
         chosen = _drawn(chosen, shown, seed)
         return tuple(m for m in shown if m not in chosen), chosen
-    if chosen is None:
-        return shown, None
     _require_apart("--background-labels", chosen, learned)
     if unlearned == UNLEARNED_OTHERS:
         return tuple(m for m in shown if m not in chosen), chosen
@@ -206,11 +203,7 @@ def unlearned_and_background(
     return shown, chosen
 
 
-def _background(text: str) -> Labels | int | None:
-    if not text:
-        return None
-    if text == BLENDS:
-        return ()
+def _background(text: str) -> Labels | int:
     return int(text) if text.isdecimal() else split_list("--background-labels", text)
 
 

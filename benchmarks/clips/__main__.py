@@ -63,7 +63,7 @@ class ClipsOptions:
     model: Annotated[str, typer.Option(help="The kind of model.")] = DEFAULT_MODEL
     parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None
     labels: Annotated[str, typer.Option(help="all nine movements; the four that the clips show; or A,B.")] = ALL
-    background: Annotated[str, typer.Option(help="Archives of something else, separated by commas; or: blends.")] = ""
+    background: Annotated[str, typer.Option(help="Archives of something else, separated by commas.")] = ""
     view: Annotated[str, typer.Option(help="Of the 16 clips: camera (the known one), or door.")] = "camera"
     rate: Annotated[float, typer.Option(help="Pictures per second at which the 16 clips are played.")] = FLORENCE_HZ
     fusion: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of [fusion]; may be repeated.")] = None
@@ -84,7 +84,7 @@ def clips(options: ClipsOptions) -> None:
 
     LABANMESH_DATA names the folder of recordings. Tracking needs mediapipe (.venv-mediapipe).
 
-    Example: python -m benchmarks.clips --labels four --background blends
+    Example: python -m benchmarks.clips --labels four
 
     Example: python -m benchmarks.clips recordings --model phase
 

@@ -9,7 +9,7 @@ from benchmarks.clips.material import FOUR, clip_view
 from common.text import split_list
 from common.vocabulary import Vocabulary
 from observer.learning.examples import gather_background
-from observer.learning.learn import BLENDS, learn_view
+from observer.learning.learn import learn_view
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, common_rate, labels_of
 from observer.motion.archive_file import read_archive
@@ -19,7 +19,7 @@ ALL, THE_FOUR = "all", "four"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Learning:
-    """How models are learned. background: recordings of something else, None for none; empty for blends only."""
+    """How models are learned. background: recordings of something else, None for none."""
 
     archive: MotionArchive
     labels: tuple[str, ...]
@@ -47,9 +47,7 @@ def chosen_labels(archive: MotionArchive, text: str) -> tuple[str, ...]:
 
 
 def chosen_background(archive: MotionArchive, text: str) -> MotionArchive | None:
-    """The archives named, separated by commas; `blends`: none but blends; "": None."""
-    if text == BLENDS:
-        return MotionArchive(archive.body_parts, ())
+    """The archives named, separated by commas; "": None."""
     if not text:
         return None
     archives = [read_archive(Path(name)) for name in split_list("--background", text)]

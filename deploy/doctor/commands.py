@@ -23,7 +23,7 @@ from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_js
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
 from deploy.doctor.mesh import ExpectedMesh, MeshFacts, check_mesh, listen, no_process, not_listened_to
 from deploy.doctor.network import check_network, is_free, network_facts
-from deploy.doctor.scene_file import check_scene, scene_facts, scenes_in, unreadable
+from deploy.doctor.scene_file import check_refused, check_scene, scene_facts, scenes_in
 from deploy.doctor.security import check_security, security_facts
 
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
@@ -122,8 +122,11 @@ def _with_scene(
     try:
         scene = read_scene(path)
     except BadInput as fault:
-        findings = unreadable(fault)
-        return run_checks([_machine_check(None, ()), Check("the scene file", SCENE_S, lambda: findings)])
+        refused = fault
+        return run_checks([
+            _machine_check(None, ()),
+            Check("the scene file", SCENE_S, lambda: check_refused(path, refused, here)),
+        ])  # fmt: skip
     observers = scene.roster if here is None else here
     for name in observers:
         scene.observer(name)

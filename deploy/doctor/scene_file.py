@@ -15,7 +15,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from common.config import MODELS_VARIABLE, Scene
+from common.config import MODELS_VARIABLE, Scene, sound_part
 from common.errors import BadInput, Faults
 from common.message_checks import largest_judgement, require_fits
 from common.text import plural
@@ -153,10 +153,14 @@ def check_scene(facts: SceneFacts) -> list[Finding]:
     return [finding for findings in checks for finding in findings]
 
 
-def unreadable(fault: BadInput) -> list[Finding]:
-    """The findings on a file that is no scene file."""
+def check_refused(path: Path, fault: BadInput, here: Sequence[str] | None) -> list[Finding]:
+    """The findings on a file that `read_scene` refuses: why, and what is wrong with the parts that it could read."""
     faults = fault.faults if isinstance(fault, Faults) else [str(fault)]
-    return [from_fault("error", each, SCENE_WAY_OUT) for each in faults]
+    findings = [from_fault("error", each, SCENE_WAY_OUT) for each in faults]
+    if scene := sound_part(path):
+        observers = [name for name in scene.roster if here is None or name in here]
+        findings += [each for each in check_scene(scene_facts(path, scene, observers)) if each.mark == "error"]
+    return findings
 
 
 def _whole(facts: SceneFacts) -> Iterator[Finding]:

@@ -37,9 +37,6 @@ from observer.motion.archive import (
 from observer.motion.placing import placed
 from observer.motion.projected import require_view
 
-BLENDS = "blends"
-"""Stands for a background without recordings: only blends of the learned movements are "something else"."""
-
 
 def learn_view(
     archive: MotionArchive,
@@ -59,7 +56,7 @@ def learn_view(
 
     With a parameter `facings` of K the performer is turned to K directions, evenly around. calibrate: cross-validate
     by person, so that a model learns how sure it may be. background: recordings of other movements, from which
-    the model also learns "something else"; without recordings, from blends only. A kind that learns from streams also
+    the model also learns "something else". A kind that learns from streams also
     gets the continuous and the unlabelled recordings of the archive and of the background, and `streams`, which have
     the archive's body parts: what people do outside the spans is "something else".
     placement: where the people are put in the room of a camera file; with several facings its own does not count.

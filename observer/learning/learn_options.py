@@ -75,7 +75,7 @@ class LearnOptions:
     ] = None
     background: Annotated[
         str,
-        typer.Option(help="Archives of other movements, separated by commas, to recognise something else; or: blends."),
+        typer.Option(help="Archives of other movements, separated by commas, to recognise something else."),
     ] = ""
     background_labels: Annotated[
         str, typer.Option(help="The movements to use of these archives, separated by commas (default: all).")

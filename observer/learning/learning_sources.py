@@ -11,7 +11,6 @@ from common.text import split_list
 from observer.geometry.placement import PersonPlacement, parse_place, placement_of
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
-from observer.learning.learn import BLENDS
 from observer.learning.learn_options import LearnOptions
 from observer.learning.part_selection import AUTO, parts_to_learn
 from observer.motion.archive import MotionArchive, common_rate, labels_of, select
@@ -112,12 +111,12 @@ def _read_background(
     --subjects are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
     """
     background, chosen = options.background, split_list("--background-labels", options.background_labels)
-    if chosen and background in ("", BLENDS):
+    if background == "blends":
+        raise BadInput("--background blends: every model learns blends by itself; leave it out, or name an archive")
+    if chosen and not background:
         raise BadInput(f"--background-labels {options.background_labels}: of which archive? name it with --background")
     if not background:
         return None
-    if background == BLENDS:
-        return MotionArchive(body_parts, ())
     subjects = split_list("--subjects", options.subjects)
     paths = [Path(name) for name in split_list("--background", background)]
     archives = [select(read_archive(p), subjects if p.resolve() == learned.resolve() else ()) for p in paths]

@@ -39,8 +39,8 @@ class Header:
 
     view: name of the view; matrix: (3, 4) its projection. parameters: the model's own numbers; after learning all of
     them, so that new defaults later change nothing. provenance: the origin of the examples, for people. background:
-    movements outside the vocabulary, from which the model learned "something else", as from blends (means of two
-    movements); (): from blends only; None: it does not know "something else".
+    movements outside the vocabulary, from which the model learned "something else", besides blends (means of two
+    movements) and other motion; None: it does not know "something else".
     placement: where the person stands in a camera file's room, facing 0 for several facings; None: as in recordings.
     references: the takes that show how a movement should be done, by label.
     """

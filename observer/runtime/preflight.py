@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from common.config import ObserverConfig, Scene, read_scene
+from common.config import ObserverConfig, Scene, sound_part
 from common.errors import LabanmeshError
 from common.text import without_secrets
 from common.tracker_choice import STANDARD_INPUT, chosen_tracker, content_of
@@ -177,9 +177,10 @@ def _check_view(
 
 def main(words: Sequence[str]) -> Iterator[str]:
     """The lines for a scene file or, if ids follow, for these observers of it."""
-    scene = read_scene(Path(words[0]))
-    for observer in words[1:] or scene.roster:
-        yield json.dumps(asdict(check_observer(scene, observer)))
+    scene = sound_part(Path(words[0]))
+    if scene:
+        for observer in words[1:] or scene.roster:
+            yield json.dumps(asdict(check_observer(scene, observer)))
 
 
 if __name__ == "__main__":

@@ -164,12 +164,14 @@ def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path, capsys)
 
 
 def test_all_faults_of_a_scene_file_are_findings(tmp_path, capsys):
-    (tmp_path / "bad.toml").write_text('scene = "d"\n[observers.a]\nsorce = "0"\nspeed = -1\n')
+    sound = '[observers.b]\nsource = "0"\nview = "dor"\nspede = 1\n[fusion]\nrule = "lgo"\nquorum = 9\n'
+    (tmp_path / "bad.toml").write_text('scene = "d"\n[observers.a]\nsorce = "0"\nspeed = -1\n' + sound)
     assert main(["doctor", str(tmp_path / "bad.toml"), "--json"]) == 1
     findings = [each for each in json.loads(capsys.readouterr().out)["findings"] if each["mark"] == "error"]
-    assert [each["what"].split(": ")[1].split()[0] for each in findings] == [
-        "observers.a.sorce", "observers.a.source", "observers.a.speed"
-    ]  # fmt: skip
+    wanted = ("observers.a.sorce", "observers.b.spede", "observers.a.source", "observers.a.speed", "fusion.quorum")
+    assert len(findings) == 7
+    for finding, key in zip(findings, (*wanted, "fusion.rule = 'lgo'", "b: view 'dor'"), strict=True):
+        assert key in finding["what"]
     assert findings[0]["to_do"] == "did you mean source?"
 
 

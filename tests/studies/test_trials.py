@@ -173,9 +173,8 @@ KNOWN, LEARNED = ("a", "b", "c", "d", "e"), ("a", "b")
 @pytest.mark.parametrize(
     ("unlearned", "background", "expected"),
     [
-        ("", "", ((), None)),
-        ("others", "", (("c", "d", "e"), None)),
-        ("c", "blends", (("c",), ())),
+        ("", "", ((), ())),
+        ("others", "", (("c", "d", "e"), ())),
         ("others", "d", (("c", "e"), ("d",))),
     ],
 )

@@ -99,7 +99,7 @@ def archives(people, tmp_path):
 
 def test_learn_and_add_on_the_command_line(run, archives):
     words = ["learn", archives / "own.npz", "--view", "door", "-o", archives / "a.model"]
-    _, out, _ = run(*words, "--background", "blends")
+    _, out, _ = run(*words)
     assert "something else is known by blends of the movements; --background adds recordings" in out
     status, out, _ = run(*words, "--background", archives / "all.npz", "--background-labels", "byebye")
     assert status == 0 and "something else is known by blends of the movements and by byebye" in out
@@ -114,11 +114,11 @@ def test_learn_and_add_on_the_command_line(run, archives):
     [
         (["--background", "all.npz"], "background: 'ok' is among the movements that are learned; name others"),
         (["--background", "all.npz", "--background-labels", "jump"], "jump: no recording shows this movement"),
-        (["--background", "blends", "--background-labels", "byebye"], "of which archive? name it with --background"),
+        (["--background", "blends"], "every model learns blends by itself; leave it out, or name an archive"),
         (["--background-labels", "byebye"], "of which archive? name it with --background"),
         (["--background", "none.npz"], "none.npz"),
-        (["--background", "blends", "--model", "frame-table"], "model frame-table: learns no background; leave it out"),
-        (["--background", "blends", "--add-to", "a.model"], "--background: only for a new model"),
+        (["--background", "all.npz", "--model", "frame-table"], "frame-table: learns no background; leave it out"),
+        (["--background", "all.npz", "--add-to", "a.model"], "--background: only for a new model"),
     ],
 )
 def test_an_invalid_background_is_one_line_and_exit_2(run, archives, monkeypatch, words, error):
