@@ -10,7 +10,7 @@ parts that have changed. A last line that was cut off, as by a kill, is left out
 import json
 import logging
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from pathlib import Path
@@ -21,7 +21,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from common import SECOND_NS
 from common.config import Scene
 from common.files import open_private, read_text
-from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
+from common.messages import JudgementMessage, VerdictMessage
 from fusion.engine.trust import Reliability
 
 log = logging.getLogger("labanmesh.fusion")
@@ -29,13 +29,16 @@ NOTHING_LEARNED = Reliability()
 MEMORY_SUFFIX = ".memory.json"
 FILE_LIMIT = 64 * 1024
 """Bytes; a file that is longer is replaced by one with the whole checkpoint."""
-SELDOM_CHANGED = ("verdict", "reliability")
+SELDOM_CHANGED = ("verdict", "reliability", "undelivered")
 FORGET_S = 30.0
 """A movement that was in progress so long ago is over; how it ended is unknown."""
 
 
 class Checkpoint(BaseModel):
-    """The last judgement with the movement in progress, the last verdict, and the learned reliability."""
+    """The last judgement with the movement in progress, the last verdict, and the learned reliability.
+
+    undelivered: ends that were sent as the link broke, and not again since: listeners may not have them.
+    """
 
     model_config = ConfigDict(frozen=True)
     judgement: JudgementMessage
@@ -44,6 +47,7 @@ class Checkpoint(BaseModel):
         default=NOTHING_LEARNED, validation_alias=AliasChoices("lessons", "reliability"), serialization_alias="lessons"
     )
     """Called "lessons" in the file and in the answer to a handover request since their first version."""
+    undelivered: tuple[VerdictMessage, ...] = ()
     people: tuple["Checkpoint", ...] = ()
     """Of the other people of a scene that judges several."""
 
@@ -86,7 +90,7 @@ class CheckpointFile:
         # Services on one machine may share a file that the scene file names; each then replaces it.
         self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
         self._suffix = suffix
-        self._written: tuple[OngoingMovement | None, int] | None = None
+        self._written: tuple[object, ...] = ()
         self._last: Checkpoint | None = None
         self._read_failed = self._write_failed = False
 
@@ -142,9 +146,10 @@ class CheckpointFile:
             self._read_failed = True
             return None
 
-    def is_due(self, judgement: JudgementMessage) -> bool:
-        """Whether the movement has changed since the last checkpoint, or a second of it has passed."""
-        return _written_state(judgement) != self._written
+    def is_due(self, judgement: JudgementMessage, undelivered: Sequence[VerdictMessage] = ()) -> bool:
+        """Whether the movement has changed since the last checkpoint, or a second of it has passed, or other ends are
+        undelivered."""
+        return _written_state(judgement, undelivered) != self._written
 
     def write(self, checkpoint: Checkpoint) -> None:
         """Write if it is due.
@@ -152,9 +157,9 @@ class CheckpointFile:
         Not synced: that may take a second on an SD card, and judgements would wait. A loss of power costs the movement
         in progress and the learned reliability; a damaged file is reported and not used.
         """
-        if not self.is_due(checkpoint.judgement):
+        if not self.is_due(checkpoint.judgement, checkpoint.undelivered):
             return
-        self._written = _written_state(checkpoint.judgement)
+        self._written = _written_state(checkpoint.judgement, checkpoint.undelivered)
         try:
             if not self._append(checkpoint):
                 self._replace(checkpoint)
@@ -202,10 +207,10 @@ def checkpoint_files(scene: Scene, own: str) -> dict[str | None, CheckpointFile]
     return {person: file for person, file in files.items() if file is not None}
 
 
-def _written_state(judgement: JudgementMessage) -> tuple[OngoingMovement | None, int]:
-    """The part of a judgement whose change makes a new checkpoint due: the movement, and the second of it."""
+def _written_state(judgement: JudgementMessage, undelivered: Sequence[VerdictMessage]) -> tuple[object, ...]:
+    """What makes a new checkpoint due as it changes: the movement, the second of it, and which ends are undelivered."""
     movement = judgement.movement
-    return movement, 0 if movement is None else judgement.at_ns // SECOND_NS
+    return movement, 0 if movement is None else judgement.at_ns // SECOND_NS, *[verdict.id for verdict in undelivered]
 
 
 def _line(checkpoint: Checkpoint, without: AbstractSet[str] = frozenset()) -> bytes:

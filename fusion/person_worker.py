@@ -112,11 +112,13 @@ class PersonWorker:
         if verdict is not None:
             self._unreconciled = UnreconciledMovement(verdict, self._clock(), self.publisher.judgement_payload)
 
-    def reconcile(self, lost_from_s: float) -> bool:
+    def reconcile(self, lost_from_s: float, doubtful_from_s: float) -> bool:
         """Publish the end of the movement in which this service stood down, once it is due, and verdicts that may be
-        lost, those since `lost_from_s` (reconciliation.py). Returns whether no such movement is left.
+        lost, those since `lost_from_s` (reconciliation.py); keep the ends since `doubtful_from_s` in the file until
+        then. Returns whether no such movement is left.
         """
         self.publisher.repeat_verdicts(lost_from_s, self._ticks())
+        self.publisher.keep_undelivered(doubtful_from_s)
         if self._unreconciled is None:
             return True
         now_ns = self._clock()
@@ -171,7 +173,8 @@ class PersonWorker:
         self._duty.restored = True
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue from `checkpoint`; of one older than FORGET_S a decided movement ends when it was judged last.
+        """Continue from `checkpoint`, and send again the ends that listeners may not have; of one older than FORGET_S a
+        decided movement ends when it was judged last.
 
         What was learned about observers in another vocabulary was learned about other models, and is forgotten.
         """
@@ -179,13 +182,14 @@ class PersonWorker:
         self._withheld.clear()
         if checkpoint.judgement.vocabulary.hash != self.engine.vocabulary.digest:
             checkpoint = checkpoint.model_copy(update={"reliability": NOTHING_LEARNED})
+        ends = [(each, each.ended_ns or each.decided_ns) for each in checkpoint.undelivered]
         if checkpoint.age_s(self._clock()) <= FORGET_S:
             self.publisher.restore(checkpoint)
         else:
             self.engine.reliability = checkpoint.reliability
             if checkpoint.unfinished is not None:
-                ended_ns = checkpoint.judgement.at_ns
-                self._withheld.append(self.engine.close(checkpoint.unfinished, ended_ns, self._clock()))
+                ends.append((checkpoint.unfinished, checkpoint.judgement.at_ns))
+        self._withheld += [self.engine.close(verdict, ended_ns, self._clock()) for verdict, ended_ns in ends]
 
     def _log_waiting(self, judgement: JudgementMessage) -> None:
         if (waiting := judgement.agreement.n == 0) != self._waiting:

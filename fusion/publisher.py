@@ -5,7 +5,7 @@ A verdict is published before the judgement that it came from: a service that ta
 
 import logging
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from common.keys import SceneKeys
@@ -62,7 +62,7 @@ class _Sent:
     """A verdict that was sent. at_s: when, of a monotonic clock. repeats: how often it was sent before."""
 
     at_s: float
-    movement_id: str
+    verdict: VerdictMessage
     payload: bytes
     repeats: int = 0
 
@@ -102,6 +102,7 @@ class VerdictPublisher:
         self.shared = SharedMovements()
         """What this service has published, or an owner that it followed."""
         self._sent: deque[_Sent] = deque(maxlen=VERDICTS_LIMIT)
+        self._undelivered: tuple[VerdictMessage, ...] = ()
 
     def publish(
         self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage, vocabulary: bytes, now_s: float
@@ -139,7 +140,7 @@ class VerdictPublisher:
     def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes], now_s: float) -> None:
         for verdict, payload in zip(verdicts, payloads, strict=True):
             self._verdicts.put(payload)
-            self._sent.append(_Sent(now_s, verdict.id, payload))
+            self._sent.append(_Sent(now_s, verdict, payload))
             _log(verdict)
 
     def close(self, verdict: VerdictMessage) -> None:
@@ -163,7 +164,7 @@ class VerdictPublisher:
         """
         movement = message if isinstance(message, VerdictMessage) else message.movement
         if movement is not None and self._sent:
-            kept = [sent for sent in self._sent if sent.movement_id != movement.id]
+            kept = [sent for sent in self._sent if sent.verdict.id != movement.id]
             self._sent = deque(kept, maxlen=VERDICTS_LIMIT)
         self._note(message)
         if not isinstance(message, VerdictMessage):
@@ -181,7 +182,11 @@ class VerdictPublisher:
         return payload
 
     def _write(self) -> None:
-        if self._file is None or self._last_judgement is None or not self._file.is_due(self._last_judgement):
+        if (
+            self._file is None
+            or self._last_judgement is None
+            or not self._file.is_due(self._last_judgement, self._undelivered)
+        ):
             return
         if (checkpoint := self.checkpoint()) is not None:
             self._file.write(checkpoint)
@@ -204,13 +209,24 @@ class VerdictPublisher:
         if judgement is not None:
             self._judgements.put(judgement)
 
+    def keep_undelivered(self, since_s: float) -> None:
+        """Keep the ends that were sent since then, and may be lost, in the file: killed before it has sent them again,
+        this service does so after its restart."""
+        ends = tuple(sent.verdict for sent in self._sent_since(since_s) if sent.verdict.ended_ns is not None)
+        if ends != self._undelivered:
+            self._undelivered = ends
+            self._write()
+
+    def _sent_since(self, since_s: float) -> Iterable[_Sent]:
+        """What was sent since then, of each movement the last."""
+        return {sent.verdict.id: sent for sent in self._sent if sent.at_s >= since_s}.values()
+
     def repeat_verdicts(self, since_s: float, now_s: float) -> None:
         """Send again what was sent since then, of each movement the last; listeners ignore the second of two equal.
 
         What is sent again now may be lost, too.
         """
-        last = {sent.movement_id: sent for sent in self._sent if sent.at_s >= since_s}
-        for sent in last.values():
+        for sent in self._sent_since(since_s):
             if sent.repeats < REPEATS_LIMIT:
                 self._verdicts.put(sent.payload)
                 self._sent.append(replace(sent, at_s=now_s, repeats=sent.repeats + 1))
@@ -225,7 +241,10 @@ class VerdictPublisher:
         if self._last_judgement is None:
             return None
         return Checkpoint(
-            judgement=self._last_judgement, verdict=self._last_verdict, reliability=self._engine.reliability
+            judgement=self._last_judgement,
+            verdict=self._last_verdict,
+            reliability=self._engine.reliability,
+            undelivered=self._undelivered,
         )
 
     def restore(self, checkpoint: Checkpoint) -> None:
@@ -267,8 +286,13 @@ class Reachability:
         """Since when what was sent may not have arrived, once after each gap; infinite: everything arrived."""
         if now_s - self._gap_until_s < RECONNECTION_S:
             return float("inf")
-        from_s, self._gap_from_s = self._gap_from_s, float("inf")
-        return from_s - DETECTION_S
+        from_s, self._gap_from_s = self.doubtful_from_s, float("inf")
+        return from_s
+
+    @property
+    def doubtful_from_s(self) -> float:
+        """Since when what was sent may not have arrived, until that has been asked for once; infinite: all arrived."""
+        return self._gap_from_s - DETECTION_S
 
     def _record_gap(self, from_s: float, until_s: float) -> None:
         self._gap_from_s, self._gap_until_s = min(from_s, self._gap_from_s), until_s

@@ -190,7 +190,8 @@ class SceneWorker:
         """
         is_reachable = self._is_reachable()
         lost_from_s = self._reachable.lost_from(self._service.ticks())
-        reconciled = [worker.reconcile(lost_from_s) for worker in self._workers.values()]
+        doubtful_from_s = self._reachable.doubtful_from_s
+        reconciled = [worker.reconcile(lost_from_s, doubtful_from_s) for worker in self._workers.values()]
         return is_reachable and all(reconciled)
 
     def adopt(self, message: JudgementMessage) -> None:

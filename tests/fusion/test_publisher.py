@@ -13,6 +13,7 @@ from benchmarks.posteriors import engine_of, message, random_posteriors, scene_o
 from common.keys import SceneKeys
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from common.wire import decode, encode
+from fusion.checkpoint import CheckpointFile
 from fusion.publisher import FULL_VOTES_AT_START, REPEATS_LIMIT, VERDICTS_LIMIT, JudgementBatch, VerdictPublisher
 
 VOCABULARY = b"the vocabulary as a message"
@@ -69,7 +70,7 @@ def played():
 def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before(played, session, sent, order):
     """Killed in between, a service ends after its restart what it has decided, and forgets no end that it has sent."""
     scene, judgement = played
-    file = SimpleNamespace(is_due=lambda judgement: True, write=lambda _: session.put.append(("dojo", "file", b"")))
+    file = SimpleNamespace(is_due=lambda *_: True, write=lambda _: session.put.append(("dojo", "file", b"")))
     owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, file)
     owner.publish([scene.verdicts[n] for n in sent], judgement, VOCABULARY, 0.0)
     names = {encode(verdict): verdict.stage for verdict in scene.verdicts}
@@ -123,6 +124,26 @@ def test_what_may_be_lost_is_sent_again_of_each_movement_the_last_verdict(played
         assert session.payloads("verdict") == (expected if repeat < REPEATS_LIMIT else []), (
             "what was sent again may be lost again"
         )
+
+
+def test_an_end_that_was_sent_as_the_link_broke_is_in_the_file_until_it_is_sent_again(played, session, tmp_path):
+    """A listener has the decision; where the service is killed before the link is back, the next one sends the end."""
+    scene, judgement = played
+    path, judgement = tmp_path / "memory.json", judgement.model_copy(update={"scene": "dojo", "movement": None})
+    owner = VerdictPublisher(session, SceneKeys("dojo"), scene.engine, CheckpointFile(path, "a", "memory"))
+
+    def undelivered():
+        return [(verdict.id, verdict.stage) for verdict in CheckpointFile(path).read("dojo").undelivered]
+
+    owner.publish(scene.verdicts[:2], judgement, VOCABULARY, 1.0)
+    owner.keep_undelivered(math.inf)
+    assert undelivered() == []
+    for doubtful_from_s, expected in ((1.5, []), (0.5, [(scene.verdicts[1].id, "ended")]), (math.inf, [])):
+        owner.keep_undelivered(doubtful_from_s)
+        assert undelivered() == expected
+    owner.publish(scene.verdicts[2:3], judgement, VOCABULARY, 2.0)
+    owner.keep_undelivered(0.5)
+    assert undelivered() == [(scene.verdicts[1].id, "ended")], "a movement that goes on is in the file anyway"
 
 
 def test_a_verdict_that_the_owner_sends_again_is_known_and_the_next_one_is_not(played, session):

@@ -73,6 +73,7 @@ def test_a_verdict_sent_just_before_the_router_died_is_sent_again_and_once():
     for up, now_s in steps:
         reachable.update(up, 0.0, now_s)
         since.append(reachable.lost_from(now_s))
+        assert reachable.doubtful_from_s == (1.0 - DETECTION_S if 1.0 <= now_s < 2.5 else math.inf)
     assert since == [math.inf] * 4 + [1.0 - DETECTION_S] and reachable.lost_from(3.0) == math.inf
 
 

@@ -238,6 +238,25 @@ def test_a_movement_from_long_before_a_restart_ends_when_it_was_judged_last(stag
     assert (ended.id, ended.stage, ended.ended_ns) == (decided.id, "ended", judgement.at_ns)
 
 
+def test_an_end_that_was_lost_with_the_router_is_sent_after_the_restart_of_a_service_that_was_killed(stage, tmp_path):
+    path = tmp_path / "memory.json"
+    stage.lone(memory=str(path))
+    stage.play("a")
+    decided = stage.decide()
+    stage.state = REST
+    (ended,) = stage.verdicts()
+    stage.judgement(lambda j: j.movement is None)
+    stage.end("a")
+    checkpoint = CheckpointFile(path).read(stage.scene.scene)
+    assert checkpoint.undelivered == ()
+    path.write_text(checkpoint.model_copy(update={"undelivered": (ended,)}).to_json())
+    stage.begin("a")
+    (again,) = stage.verdicts()
+    assert (again.id, again.label, again.stage, again.ended_ns) == (decided.id, decided.label, "ended", ended.ended_ns)
+    stage.judgement(lambda j: j.fusion == "a")
+    until(lambda: CheckpointFile(path).read(stage.scene.scene).undelivered == ())
+
+
 def test_after_both_services_were_killed_the_movement_goes_on_under_its_id(stage):
     """The standby service fuses before it knows that it is the owner: its own begin of the movement must not count."""
     stage.play("a", "b")
