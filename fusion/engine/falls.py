@@ -5,7 +5,8 @@
 2. `low`: the person lies, after they were seen up. `fallen`: they have lain for `after_s`. `up`: they are up again, or
    were seen up first. Before that the stage is `unknown`: somebody who lies from the start has not fallen.
 3. A person who lies is often lost by trackers. Whoever was low for FIRM_S before still lies while nobody sees them.
-4. An alarm ends only when somebody is seen up for UP_S, not because nobody is seen.
+4. An alarm ends only when somebody is seen up for UP_S, not because nobody is seen. Who lies with a probability below
+   CLEAR_MARGIN is up beyond doubt; between that and 1/2 nothing changes.
 """
 
 from collections.abc import Mapping
@@ -13,9 +14,8 @@ from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.fall_messages import FallStage
+from fusion.engine.rest import CLEAR_MARGIN
 
-LIES, IS_UP = 0.5, 0.25
-"""P(lying) from which somebody lies, and under which they are up; in between nothing changes."""
 FIRM_S = 0.2
 """With the smoothing of the evidence before (observer/lying.py) the person has then lain for .3 s."""
 UP_S = 1.0
@@ -63,25 +63,25 @@ class FallDetector:
         # A fall is counted and dated from when the person began to lie.
         since_ns = before.since_ns if stage in (before.stage, "fallen") else now_ns
         number = before.number + (stage == "low" != before.stage)
-        self._state = FallState(stage, since_ns, p, sum(each >= LIES for each in seen), len(seen), number)
+        self._state = FallState(stage, since_ns, p, sum(each >= 0.5 for each in seen), len(seen), number)
         return self._state
 
     def _stage(self, p: float | None, now_ns: int) -> FallStage:
         stage, since_ns = self._state.stage, self._state.since_ns
         if p is not None:
             self._seen_ns = now_ns
-        if p is None or p >= IS_UP:
+        if p is None or p >= CLEAR_MARGIN:
             self._up_ns = now_ns
         if stage == "fallen":
             return "up" if now_ns - self._up_ns >= UP_S * SECOND_NS else "fallen"
         if stage == "low":
-            if p is not None and p < IS_UP:
+            if p is not None and p < CLEAR_MARGIN:
                 return "up"
             if p is None and self._seen_ns - since_ns < FIRM_S * SECOND_NS:
                 return "up"
             return "fallen" if now_ns - since_ns >= self._after_ns else "low"
         if p is None:
             return stage
-        if stage == "up" and p >= LIES:
+        if stage == "up" and p >= 0.5:
             return "low"
-        return "up" if p < LIES else stage
+        return "up" if p < 0.5 else stage

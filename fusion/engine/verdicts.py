@@ -13,7 +13,7 @@ from common.config_sections import FusionConfig
 from common.message_types import ROUND_OFF
 from common.messages import WHY_LIMIT, Contribution, JudgementMessage, OngoingMovement, VerdictMessage
 from common.posterior import Unscored
-from common.probability import Floats
+from common.probability import SMALLEST, Floats
 from common.score import REMARK_LIMIT
 from fusion.engine.aged_posterior import answers_of
 from fusion.engine.pooling import PoolingCase, pool_posteriors
@@ -28,8 +28,6 @@ from fusion.engine.segments import (
 )
 from fusion.score_pool import JudgedScore, pooled_remarks, pooled_score
 
-LEAST_ODDS_P = 1e-12
-"""Least probability in the log odds, so that a veto leaves them finite."""
 NO_OBSERVERS = "waiting for observers"
 CONTESTED_REST = "two observers contradict each other on whether the person rests"
 DECIDED = ("label", "began_ns", "decided_ns", "ended_ns", "stage", "revises")
@@ -105,7 +103,7 @@ def _log_odds(answers: Floats, answer: int) -> float:
     """Nats, of an answer against the likeliest other one."""
     others = answers.tolist()
     own = others.pop(answer)
-    return math.log(max(own, LEAST_ODDS_P)) - math.log(max(*others, LEAST_ODDS_P))
+    return math.log(max(own, SMALLEST)) - math.log(max(*others, SMALLEST))
 
 
 def explain_undecided(
