@@ -40,9 +40,8 @@ ENDING_NS = 5.0 * SECOND_NS
 """After a longer outage the same label is another movement (rule 9)."""
 CLEAR_REST = 1.0 - CLEAR_MARGIN
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
-NOTHING, BEFORE, NO_LABEL = MovementProgress(0), MovementProgress(0, unseen=True), HeldLabel("", 0, 0, None)
-UNDECIDED = MovementDecision("", 0, 0)
-"""In place of a movement, a label and a decision where there is none. BEFORE: nor has the person been seen idle yet."""
+NOTHING, NO_LABEL, UNDECIDED = MovementProgress(0), HeldLabel("", 0, 0, None), MovementDecision("", 0, 0)
+"""In place of a movement, a label and a decision where there is none."""
 
 IDLE, PASSED = SegmentState.IDLE, SegmentState.PASSED
 ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
@@ -56,7 +55,8 @@ class Conditions:
         self._config, self._hold_ns = config, config.hold_s * SECOND_NS
         self._durations = durations_of(config, vocabulary)
         self.state = IDLE
-        self._movement, self._held, self._ended = BEFORE, NO_LABEL, ("", 0)
+        self._movement, self._held = replace(NOTHING, unseen=True), NO_LABEL
+        """While the person is IDLE, the movement has the time and the label of the last end (`after`)."""
         self._heard: Heard | None = None
         self._quiet: Quiet | None = None
         self._last_ns = 0
@@ -100,8 +100,9 @@ class Conditions:
         before = self._held if self._held_for(self._last_ns) else None
         self._last_ns = state.at_ns
         self._hold(state, self.state in ENDING and state.rests)
-        if self.state is IDLE and state.observed and state.idle and state.rest < 1.0:  # 1: nobody is seen.
-            self._movement = NOTHING
+        # 1: nobody is seen.
+        if self.state is IDLE and self._movement.unseen and state.observed and state.idle and state.rest < 1.0:
+            self._movement = replace(self._movement, unseen=False)
         if self.state is not IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
         met, named = self._held_for(state.at_ns), self._held_for(state.at_ns - state.longer_s * SECOND_NS)
@@ -169,15 +170,15 @@ class Conditions:
         carried = held.label if at_ns - held.last_ns <= NOTICED_NS <= at_ns - held.since_ns else None
         if after_outage_ns is not None and 0 <= at_ns - after_outage_ns < NOTICED_NS:
             carried = ANY
-        unseen, self._quiet = self.state is IDLE and self._movement.unseen, None
-        after = self._ended[0] if at_ns - self._ended[1] <= NOTICED_NS else ""
-        self._movement = MovementProgress(at_ns, None, carried, self.waits, unseen, after)
+        last, self._quiet = NOTHING if self.state is not IDLE else self._movement, None
+        after = last.after if at_ns - last.began_ns <= NOTICED_NS else ""
+        self._movement = MovementProgress(at_ns, None, carried, self.waits, last.unseen, after)
         if held.agreed_ns is not None:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
     def _finish(self) -> None:
-        self._ended = self._decision.label, self._last_ns
-        self.state, self._movement, self._quiet = IDLE, NOTHING, None
+        ended = MovementProgress(self._last_ns, after=self._decision.label)
+        self.state, self._movement, self._quiet = IDLE, ended, None
 
     def nameable(self, step: SegmentStep) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
