@@ -1,4 +1,5 @@
-"""After a network partition: the movement of the service that stands down for the owner. Pure: time is passed in.
+"""After a network partition: the movement of the service that stands down for the owner, and what was sent meanwhile.
+Pure: time is passed in.
 
 The design: fusion.md, "Several services". The service that stands down sends its last judgement again, for the owner to
 go on with its movement (FusionEngine.adopt), or ends it with `same_as`, so that each id has an end. Of movements that
@@ -14,6 +15,12 @@ from common.same_movement import LIMIT, SameMovement
 ADOPTION_TIMEOUT_S = 0.5
 ADOPTION_REPEAT_S = 0.15
 """So that the owner receives a lost judgement several times before ADOPTION_TIMEOUT_S."""
+DETECTION_S = 0.5
+"""A link may have been down for so long before this process noticed; what it sent meanwhile may be lost."""
+SILENCE_S = 0.6
+"""A router that is frozen for so long drops messages; a posterior of the slowest observer comes after 0.5 s."""
+RECONNECTION_S = 0.3
+"""So long after a router is back, all processes that try to reconnect have done so."""
 
 
 class UnreconciledMovement:
@@ -86,3 +93,45 @@ class SharedMovements:
         if first_id is not None:
             self._named.append(verdict.id)
         return first_id
+
+
+class Reachability:
+    """Whether listeners receive what is published now: not while the link is down, nor for RECONNECTION_S after.
+
+    Zenoh drops messages without a connection, and when a router is frozen. Listeners reconnect within the pauses
+    between their attempts. Times are seconds of a monotonic clock.
+    """
+
+    def __init__(self) -> None:
+        self._last_down_s: float | None = None
+        self._heard_s = float("inf")
+        self._gap_from_s, self._gap_until_s = float("inf"), float("-inf")
+
+    def update(self, connected: bool, heard_s: float, now_s: float) -> bool:
+        """Take whether the link is connected, and when a posterior was received last, at every step; returns whether
+        listeners can be reached."""
+        if heard_s - self._heard_s >= SILENCE_S:
+            # The link may have been lost and opened again between two steps, or the router frozen.
+            self._record_gap(self._heard_s, heard_s)
+        self._heard_s = heard_s
+        if not connected:
+            self._record_gap(now_s, now_s)
+            self._last_down_s = now_s
+        elif self._last_down_s is not None and now_s - self._last_down_s >= RECONNECTION_S:
+            self._last_down_s = None
+        return self._last_down_s is None
+
+    def lost_from(self, now_s: float) -> float:
+        """Since when what was sent may not have arrived, once after each gap; infinite: everything arrived."""
+        if now_s - self._gap_until_s < RECONNECTION_S:
+            return float("inf")
+        from_s, self._gap_from_s = self.doubtful_from_s, float("inf")
+        return from_s
+
+    @property
+    def doubtful_from_s(self) -> float:
+        """Since when what was sent may not have arrived, until that has been asked for once; infinite: all arrived."""
+        return self._gap_from_s - DETECTION_S
+
+    def _record_gap(self, from_s: float, until_s: float) -> None:
+        self._gap_from_s, self._gap_until_s = min(from_s, self._gap_from_s), until_s

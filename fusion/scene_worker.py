@@ -27,7 +27,7 @@ from fusion.ingest import NEWEST, PosteriorIngest, newest
 from fusion.people import ScenePeople
 from fusion.people_ingest import PeopleIngest
 from fusion.person_worker import Duty, PersonWorker
-from fusion.publisher import Reachability
+from fusion.reconciliation import Reachability
 from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")

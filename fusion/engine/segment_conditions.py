@@ -159,10 +159,9 @@ class Conditions:
 
         Another label that fewer than `quorum` observers hold changes nothing: the others may have just begun.
         """
-        decision = self._decision
-        is_own = state.label == decision.label and 2 * state.p >= self._config.threshold
-        is_alone = state.label != decision.label and state.agreeing < self._config.quorum
-        return (is_own or is_alone or decision is UNDECIDED) and not state.idle
+        decision, is_alone = self._decision, state.agreeing < self._config.quorum
+        stays = 2 * state.p >= self._config.threshold if state.label == decision.label else is_alone
+        return (stays or decision is UNDECIDED) and not state.idle
 
     def _begin(self, at_ns: int) -> None:
         """Begin a movement, with the label that was held before it (rules 3 and 9)."""
@@ -170,7 +169,7 @@ class Conditions:
         carried = held.label if at_ns - held.last_ns <= NOTICED_NS <= at_ns - held.since_ns else None
         if after_outage_ns is not None and 0 <= at_ns - after_outage_ns < NOTICED_NS:
             carried = ANY
-        last, self._quiet = NOTHING if self.state is not IDLE else self._movement, None
+        last, self._quiet = self._movement if self.state is IDLE else NOTHING, None
         after = last.after if at_ns - last.began_ns <= NOTICED_NS else ""
         self._movement = MovementProgress(at_ns, None, carried, self.waits, last.unseen, after)
         if held.agreed_ns is not None:
@@ -215,11 +214,8 @@ class Conditions:
         return at_ns - quiet.clear_ns >= NOTICED_NS and at_ns - quiet.since_ns < FADING * self._hold_ns
 
     def _is_seen(self, step: SegmentStep) -> bool:
-        state = step.state
-        return state.observed and state.label == self._decision.label and state.at_ns > self._decision.decided_ns
-
-    def _is_back(self, step: SegmentStep) -> bool:
-        return step.state.observed and self._goes_on(step.state)
+        decision, state = self._decision, step.state
+        return state.observed and state.label == decision.label and state.at_ns > decision.decided_ns
 
     def _is_confirmed(self, step: SegmentStep) -> bool:
         return self._movement.outage_ns is not None and step.named == self._decision.label
@@ -232,16 +228,14 @@ class Conditions:
         return self._held.agreed_ns is not None and state.moves and self._held.label != self._decision.label
 
     def _is_next(self, step: SegmentStep) -> bool:
-        if not self._is_other(step):
-            return False
         moved_ns = (self._held.agreed_ns or 0) - self._movement.began_ns
-        return self._movement.outage_ns is not None or moved_ns >= max(NOTICED_NS, self._lasts.over_ns)
+        is_late = self._movement.outage_ns is not None or moved_ns >= max(NOTICED_NS, self._lasts.over_ns)
+        return is_late and self._is_other(step)
 
     def _is_premature(self, step: SegmentStep) -> bool:
-        if not self._is_other(step) or self._decision.revisions >= REVISIONS_LIMIT:
-            return False
-        is_soon = (self._held.agreed_ns or 0) - self._movement.began_ns < self._lasts.over_ns
-        return is_soon or step.state.at_ns - self._decision.decided_ns >= REVISED_NS
+        moved_ns, decided_ns = (self._held.agreed_ns or 0) - self._movement.began_ns, self._decision.decided_ns
+        is_due = moved_ns < self._lasts.over_ns or step.state.at_ns - decided_ns >= REVISED_NS
+        return is_due and self._is_other(step) and self._decision.revisions < REVISIONS_LIMIT
 
     def _is_missed(self, step: SegmentStep) -> bool:
         decision = self._decision
@@ -287,7 +281,7 @@ class Event(Enum):
     RESTED = "rest has lasted for long enough", Conditions._is_rested
     MISSED = "without rest, it has not been seen for long enough", Conditions._is_missed
     SEEN = "its label is the likeliest one, after the decision", Conditions._is_seen
-    RETURNS = "its label is likely enough again", Conditions._is_back
+    RETURNS = "its label is likely enough again", lambda known, step: step.state.observed and known._goes_on(step.state)
     CONFIRMED = "its label is held again after an outage", Conditions._is_confirmed
     LEFT = "something else is likelier", lambda _, step: step.state.moves and step.state.idle
     NEXT = "another label is held, since later than the begin", Conditions._is_next

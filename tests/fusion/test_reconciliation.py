@@ -11,8 +11,7 @@ from common.config_sections import FusionConfig
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
-from fusion.publisher import DETECTION_S, RECONNECTION_S, Reachability
-from fusion.reconciliation import SharedMovements, UnreconciledMovement
+from fusion.reconciliation import DETECTION_S, RECONNECTION_S, Reachability, SharedMovements, UnreconciledMovement
 
 AT_NS = 1_000 * SECOND_NS
 NAMES = Vocabulary(("bow", "lunge"))
