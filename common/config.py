@@ -5,8 +5,9 @@ config_*.py hold the sections, config_input.py the environment's overrides and t
 
 import os
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -63,17 +64,14 @@ class Scene(Section):
     @model_validator(mode="after")
     def _is_consistent(self) -> "Scene":
         faults: list[str] = []
-        with noting(faults):
-            _ = self.keys
-        with noting(faults):
-            _ = self.named_vocabulary
         names = {"fusion.id": (self.fusion.id,), "fusion.standby": self.fusion.standby}
-        for what, each in {**names, "observers": self.observers, "notify": self.notify}.items():
-            for name in each:
-                with noting(faults):
-                    identifier(name, what)
-        with noting(faults):
-            self.watch.require_observers(self.observers)
+        names |= {"observers": (*self.observers,), "notify": (*self.notify,)}
+        checks: list[Callable[[], object]] = [lambda: self.keys, lambda: self.named_vocabulary]
+        checks += [partial(identifier, name, what) for what, each in names.items() for name in each]
+        checks.append(partial(self.watch.require_observers, self.observers))
+        for check in checks:
+            with noting(faults):
+                check()
         faults += self._unfit()
         if faults:
             raise Faults(faults)
@@ -175,10 +173,7 @@ class Scene(Section):
 def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
     """The files among `paths`, and all *.toml of the folders; raises BadInput for a folder without any."""
     for path in paths:
-        if not path.is_dir():
-            yield path
-            continue
-        files = sorted(path.glob("*.toml"))
+        files = sorted(path.glob("*.toml")) if path.is_dir() else [path]
         if not files:
             raise BadInput(f"{path}: no scene file in this folder; scene files end in .toml")
         yield from files
@@ -189,20 +184,20 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
 
     Raises Faults: a line each that names file, key, value and rule; BadInput for what is not TOML.
     """
-    table = _parse(path)
-    faults = override(table, Scene, os.environ if environment is None else environment)
+    table, environment = _parse(path), os.environ if environment is None else environment
+    faults = override(table, Scene, environment)
     _set_defaults(table)
     _resolve_credentials(table, path.absolute().parent)
     try:
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        others = _inconsistencies(table, error) if _has_observers(error) else ()
+        others = _inconsistencies(table, error)
         faults += [f"{path}: {line}" for line in dict.fromkeys([*faults_of(error, Scene), *others])]
     except Faults as error:
         faults += [f"{path}: {line}" for line in error.faults]
     if faults:
         raise Faults(faults, f"labanmesh doctor {shlex.quote(str(path))}")
-    return _placed(scene, path, os.environ if environment is None else environment)
+    return _placed(scene, path, environment)
 
 
 def sound_part(path: Path) -> Scene | None:
@@ -236,11 +231,10 @@ def sound_part(path: Path) -> Scene | None:
 
 
 def _has_source(name: str, section: object) -> bool:
-    try:
+    with suppress(BadInput):
         identifier(name, "observers")
-    except BadInput:
-        return False
-    return isinstance(section, dict) and isinstance(section.get("source"), str) and section["source"] != ""
+        return isinstance(section, dict) and isinstance(source := section.get("source"), str) and source != ""
+    return False
 
 
 def _placed(scene: Scene, path: Path, environment: Mapping[str, str]) -> Scene:
@@ -252,8 +246,11 @@ def _placed(scene: Scene, path: Path, environment: Mapping[str, str]) -> Scene:
 
 
 def _inconsistencies(table: Mapping[str, Any], error: ValidationError) -> Sequence[str]:
-    """The faults of keys that do not fit each other, besides those of `error`."""
+    """The faults of keys that do not fit each other, besides those of `error`; none where an observer is faulty as a
+    whole, because their number is unknown."""
     lines: list[str] = []
+    if any(fault["loc"][0] == "observers" and len(fault["loc"]) < 3 for fault in error.errors()):
+        return lines
     for _ in range(3):  # first within the sections, then between them; a required key that is left out is missing
         table = without_faults(table, error)
         try:
@@ -266,11 +263,6 @@ def _inconsistencies(table: Mapping[str, Any], error: ValidationError) -> Sequen
         else:
             break
     return lines
-
-
-def _has_observers(error: ValidationError) -> bool:
-    """Whether no observer is faulty as a whole, so that their number is known."""
-    return not any(fault["loc"][0] == "observers" and len(fault["loc"]) < 3 for fault in error.errors())
 
 
 def _parse(path: Path) -> dict[str, Any]:
