@@ -32,9 +32,10 @@ BESIDE = 0.5
 COVERED_HEIGHTS = 0.56
 """Width of the followed person, who is covered while others are searched."""
 FIRST, BUSY, IDLE = 9, 2, 1
-"""Searches in the first picture, while something moves or somebody was just lost, and in a still room."""
+"""Searches in the first picture, with more where a choice waits for them; while something moves or somebody was just
+lost; and in a still room."""
 WAITING, TRIED = 3, 2
-"""Searches in a picture while a choice waits for them; candidates whose pose is tried in one picture."""
+"""Searches in a later picture while a choice waits for them; candidates whose pose is tried in one picture."""
 WHOLE_EVERY = 4
 """Every fourth search for others is one in the whole picture."""
 BUSY_PASSES = 2
@@ -185,6 +186,9 @@ class PersonFollower:
                 yield self._pending.pop(0)
             else:
                 yield from sweep.next(1, motion)
+        # Who is there when an observer begins may be moving already: the first choice waits for no other picture.
+        while self._pictures == 1 and self._pending:
+            yield self._pending.pop(0)
 
     def _needed(self, sweep: Sweep, level: int) -> list[tuple[int, SearchArea]]:
         """The areas to search before a choice: people found only in smaller squares are smaller, and farther from the

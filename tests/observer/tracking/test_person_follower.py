@@ -197,6 +197,13 @@ def test_the_rule_chooses(rule, expected):
     assert str(rule) in reports[0][1]
 
 
+@pytest.mark.parametrize(("u", "expected"), [(320, 0), (960, 1)])
+def test_in_a_wide_picture_the_first_choice_waits_for_no_other_picture(u, expected):
+    wide, world = np.zeros((480, 1280, 3), np.uint8), World(Walker(160, 240, 300), Walker(1120, 240, 300))
+    who, _ = run(world, 1, FollowRule("nearest", (u / 1280, 0.5)), picture=wide)
+    assert set(who) == {expected}
+
+
 def test_who_raises_a_hand_is_followed_until_gone_whoever_raises_one_later():
     world = World(Walker(130, 240, 260, raised_s=4), Walker(400, 240, 230, raised_s=2))
     who, _ = run(world, 6, FollowRule("raised_hand"))
