@@ -175,9 +175,11 @@ class Conditions:
         if held.agreed_ns is not None:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
-    def _finish(self) -> None:
-        ended = MovementProgress(self._last_ns, after=self._decision.label)
-        self.state, self._movement, self._quiet = IDLE, ended, None
+    def _finish(self, is_idle: bool = True) -> None:
+        """End the movement. is_idle: whether the person rests, or does something else."""
+        unseen = not is_idle and self._decision is not UNDECIDED
+        self._movement = MovementProgress(self._last_ns, unseen=unseen, after=self._decision.label)
+        self.state, self._quiet = IDLE, None
 
     def nameable(self, step: SegmentStep) -> str | None:
         """The label that may be decided now (rules 1 to 3)."""
@@ -195,7 +197,7 @@ class Conditions:
         movement, moved_until_ns = self._movement, at_ns if self._resting is None else self._resting.since_ns
         before = movement.carried or (movement.after if label is None else "")
         least_ns = self.lasting(before).least_ns if before and label in (None, before) else 0.0
-        unseen_ns = NOTICED_NS if label is None and movement.unseen else 0.0
+        unseen_ns = (inf if movement.after else NOTICED_NS) if label is None and movement.unseen else 0.0
         return moved_until_ns - movement.began_ns < max(self._hold_ns, least_ns, unseen_ns)
 
     def renamed(self) -> str | None:

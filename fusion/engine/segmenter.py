@@ -4,7 +4,7 @@ A table of transitions, (state, event) -> (state, what is published), at the end
 their reasons: fusion.md, "Segments".
 
 1. A movement begins when neither rest nor "something else" is likelier than it. What is too short is none: the first,
-   for what observers need to notice rest.
+   for what observers need to notice rest. Nor is one without a label that follows a decided one without either.
 2. A label is decided when it has met threshold and quorum for `hold_s`, or for longer while an observer contests it.
 3. A label that was held as the movement began is of the one before, and is decided late, or at rest.
 4. A decided movement ends, at the time when rest began, when rest has lasted.
@@ -83,7 +83,7 @@ class Segmenter(Conditions):
             published = (*published, *row.effect.publishes(self, step))
             self.state, taken = row.state, (*taken, row.event)
             if row.state is IDLE:
-                self._finish()
+                self._finish(state.idle)
                 break
         if state.repetitions is not None:
             self._count(state)

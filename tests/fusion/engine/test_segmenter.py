@@ -156,6 +156,22 @@ CASES = {
     "1: nor is motion of less than 0.3 s as the posteriors begin, undecided": ((moving(5), rest(20)), {}),
     "1: nor if nobody was seen before": (([("bow", 0.5, 0, 1.0)] * 3, moving(5), rest(20)), {}),
     "1: which is one once the person has rested": ((rest(1), moving(5), rest(20)), {9: ("abstain", 1, 9, 6)}),
+    "1: what follows a decided movement without rest is of that one, unless it has a label of its own": (
+        (rest(2), sure(10), moving(30, "lunge"), rest(9)),
+        {5: ("bow", 2, 5, None), 18: ("bow", 2, 5, 12)},
+    ),
+    "1: with a label it is the next movement": (
+        (rest(2), sure(10), moving(20, "lunge"), sure(9, "punch"), rest(9)),
+        {5: ("bow", 2, 5, None), 18: ("bow", 2, 5, 12), 35: ("punch", 19, 35, None), 44: ("punch", 19, 35, 41)},
+    ),
+    "1: after something else it is one of its own": (
+        (rest(2), sure(10), else_steps(9), moving(20, "lunge"), rest(9)),
+        {5: ("bow", 2, 5, None), 20: ("bow", 2, 5, 12), 44: (ABSTAIN, 21, 44, 41)},
+    ),
+    "1: and so it is after rest": (
+        (rest(2), sure(10), rest(4), moving(20, "lunge"), rest(9)),
+        {5: ("bow", 2, 5, None), 15: ("bow", 2, 5, 12), 39: (ABSTAIN, 16, 39, 36)},
+    ),
     "1: a flicker of rest does not repeat the last movement": (
         (sure(10), sure_at_rest(10), sure(1), sure_at_rest(10), sure(2), sure_at_rest(10)),
         {3: ("bow", 0, 3, None), 13: ("bow", 0, 3, 10)},
