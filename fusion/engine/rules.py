@@ -46,9 +46,9 @@ def get_rule(name: str, where: str = "fusion.rule =") -> Rule:
     """
     if name == "robust_inverse_entropy":
         return RULES[DEFAULT_RULE]
-    if name in RETIRED_RULES:
-        raise BadInput(f"{where} {name!r}: this rule is gone; use {RETIRED_RULES[name]!r}")
     rule = RULES.get(name) or plugin("rules", name)
+    if rule is None and name in RETIRED_RULES:
+        raise BadInput(f"{where} {name!r}: this rule is gone; use {RETIRED_RULES[name]!r}")
     if not isinstance(rule, Rule):
         raise BadInput(f"{where} {name!r}: unknown rule; {nearest(name, (*RULES, *plugins('rules')))}")
     return rule
