@@ -200,7 +200,7 @@ def _observer(observer: ObserverState, history: "SceneHistory", labels: int) -> 
 
 
 def _health(status: StatusMessage) -> Json:
-    return {"state": status.state, "reason": _text(status.reason), "rate": rounded(status.rate_hz, 0)}
+    return {"state": status.state, "reason": _text(status.reason, SENTENCE_LIMIT), "rate": rounded(status.rate_hz, 0)}
 
 
 def _vote(name: str, vote: Vote, verdict: VerdictMessage) -> Json:
