@@ -86,7 +86,7 @@ class HealthServer(ThreadingHTTPServer):
         TCPServer.server_bind(self)
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Log a client that closed its connection early at debug level."""
+        """Log at debug level what failed in answering a client, which usually has closed its connection."""
         log.debug("%s = '%s': a client closed its connection", METRICS_LISTEN, self.address, exc_info=True)
 
 

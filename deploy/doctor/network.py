@@ -51,12 +51,11 @@ class EndpointParts:
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """One attempt at host:port. addresses: of the name. took_s: to a TCP connection; None where none came about.
+    """One attempt at host:port. took_s: to a TCP connection; None where none came about.
 
     refused: the machine answers and nothing listens. fault: why it failed, in words; "" where it did not.
     """
 
-    addresses: tuple[str, ...] = ()
     took_s: float | None = None
     refused: bool = False
     fault: str = ""
@@ -92,8 +91,8 @@ def network_facts(mesh: MeshConfig) -> NetworkFacts:
     # Every interface is listened on, not connected to.
     host = ANY_HOST.get(parts.host.replace("*", "0.0.0.0"), parts.host)  # noqa: S104 - a name only
     if parts.protocol in NO_TCP:
-        addresses, fault = _resolve(host)
-        connection = Connection(addresses, fault=fault) if fault else None
+        _, fault = _resolve(host)
+        connection = Connection(fault=fault) if fault else None
         return NetworkFacts(mesh, connection, local, unusable, listener)
     return NetworkFacts(mesh, connect_to(host, parts.port), local, unusable, listener)
 
@@ -106,13 +105,13 @@ def connect_to(host: str, port: int, limit_s: float = CONNECT_S) -> Connection:
     began_s = time.monotonic()
     try:
         with socket.create_connection((addresses[0], port), timeout=limit_s):
-            return Connection(addresses, time.monotonic() - began_s)
+            return Connection(time.monotonic() - began_s)
     except ConnectionRefusedError:
-        return Connection(addresses, refused=True, fault="nothing listens there")
+        return Connection(refused=True, fault="nothing listens there")
     except TimeoutError:
-        return Connection(addresses, fault=f"no answer within {limit_s:g} s")
+        return Connection(fault=f"no answer within {limit_s:g} s")
     except OSError as error:
-        return Connection(addresses, fault=reason_of(error))
+        return Connection(fault=reason_of(error))
 
 
 def try_to_listen(parts: EndpointParts) -> tuple[bool, str]:

@@ -154,7 +154,7 @@ def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int |
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> Trust:
-    """How far each observer is relied on."""
+    """(N,) how far each observer is relied on, 0 to 1; None where all are fully."""
     reliability = [posterior.reliability for posterior in posteriors]
     return np.array(reliability) if min(reliability) < 1.0 else None
 

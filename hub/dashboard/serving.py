@@ -50,7 +50,7 @@ CROWD_EVERY_NS = 3 * SECOND_NS // 10
 
 @dataclass(slots=True)
 class ServingRun:
-    """The page is served until `stop` is set.
+    """How long a page is served, until `stop` is set, and what is called meanwhile.
 
     alive: called after each piece of work. record: called with every update, in the listening thread.
     """

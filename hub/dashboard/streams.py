@@ -85,7 +85,7 @@ class LiveStream:
         return len(self._browsers) >= BROWSERS_LIMIT
 
     def publish(self, history: SceneHistory, verdict: bytes | None = None, state: bytes | None = None) -> None:
-        """Set the current state and send an event for each change; returns at once."""
+        """Take the newest state, and send browsers a verdict and the state, both as JSON; returns at once."""
         if not self._loop.is_closed():
             self._loop.call_soon_threadsafe(self._distribute, history, verdict, state)
 

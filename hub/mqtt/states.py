@@ -209,7 +209,7 @@ def facet_poles(judgement: JudgementMessage) -> dict[str, Any] | None:
 
 
 def facing_degrees(judgement: JudgementMessage) -> float | None:
-    """Which way the person faces, in whole degrees to the left."""
+    """Which way the person faces, in whole degrees to the left, 0 to 359; None if unknown."""
     whole = rounded(facing(judgement.facing_deg), 0)
     return None if whole is None else whole % 360
 

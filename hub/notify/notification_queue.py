@@ -61,14 +61,14 @@ class NotificationQueue:
             return connection.execute(f"DELETE FROM waiting WHERE seq IN ({oldest})", (name, config.keep)).rowcount  # noqa: S608
 
     def oldest(self, name: str) -> Waiting | None:
-        """The request of this receiver that waits for the longest time."""
+        """The request of this receiver that has waited for the longest time; None if none waits."""
         with self._lock, faults_of(self.path):
             statement = "SELECT seq, since_ns, headers, body FROM waiting WHERE name = ? ORDER BY seq LIMIT 1"
             row = self._connection.execute(statement, (name,)).fetchone()
         return None if row is None else Waiting(row[0], row[1], WebhookRequest(json.loads(row[2]), row[3]))
 
     def remove(self, seq: int) -> None:
-        """It was told, or never can be."""
+        """Delete a request that has been delivered, or never can be."""
         with self._lock, transaction(self.path, self._connection) as connection:
             connection.execute("DELETE FROM waiting WHERE seq = ?", (seq,))
 

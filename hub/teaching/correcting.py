@@ -139,10 +139,10 @@ def correct(
     person: str,
     of_moments: list[MomentExample] | None = None,
 ) -> dict[str, int]:
-    """Make examples of these on the observers, which do not learn yet; how many each has made.
+    """Let each observer cut an example for each correction; returns how many each has made. They do not learn yet.
 
-    person: who moved; "": the only person whom the observers have takes of, else SOMEONE. of_moments: gets those of
-    movements of which only the moment is known.
+    person: who moved; "": the only person whom the observers have takes of, else SOMEONE. of_moments: a list to which
+    the examples are added of which only the moment was known, so that they can be shown.
 
     Raises BadInput for a label that they do not know, LabanmeshError if no observer could make any example.
     """

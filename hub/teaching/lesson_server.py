@@ -180,11 +180,11 @@ class LessonServer:
         self._changed()
 
     def now(self, observer: str) -> ShownTracks | None:
-        """What an observer sees now; raises BadInput for an unknown one."""
+        """What an observer sees now, None if it does not answer; raises BadInput for an unknown one."""
         return self._show(observer, TeachRequest(command="show", teacher=self._own_id))
 
     def take(self, observer: str, label: str, number: int) -> ShownTracks | None:
-        """A take on an observer's disk; raises BadInput for an unknown observer."""
+        """A take on an observer's disk, None if it does not answer; raises BadInput for an unknown observer."""
         return self._show(observer, TeachRequest(command="show", teacher=self._own_id, label=label, take=number))
 
     def close(self) -> None:

@@ -107,7 +107,7 @@ class PicturedObserver(ObserverAround):
         self._shown_ns = 0
 
     def step(self, frame: Frame) -> Posterior | None:
-        """Let the observer process one frame, then show it to the outlets that want one."""
+        """The observer's posterior after the frame, if it has one. Then the outlets that are due get the frame."""
         posterior = self._observer.step(frame)
         now_ns, tracks = self._clock(), self._tracker.all_tracks
         if tracks is None:

@@ -55,7 +55,7 @@ class TracksRecorder:
 
     @property
     def oldest_ns(self) -> int | None:
-        """Time of the oldest frame that is still remembered."""
+        """Time of the oldest frame that is remembered; None without one."""
         return self._frames[0].at_ns if self._frames else None
 
     @property

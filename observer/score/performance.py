@@ -41,7 +41,7 @@ class PerformanceScorer:
         self._newest: ObservedScore | Unscored | None = None
 
     def update(self, watch: "Watch", p: Floats, at_ns: int) -> ObservedScore | Unscored | None:
-        """What is known after a frame at `at_ns`; p (M,): the posterior then."""
+        """The last score, or why there is none, after a frame at `at_ns`; None before the first. p (M,): posterior."""
         frames, label = watch.performed, self._labels[int(p.argmax())]
         moving_ns, self._moving_ns = self._moving_ns, None if watch.rest >= 0.5 else self._moving_ns or at_ns
         if frames:

@@ -170,7 +170,7 @@ class ReferenceSpread(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class JudgeScore:
-    """What one judge says: score 0 to 10, None if `uncertain` says why not; by limb, how many spreads it is off.
+    """What one judge says: score 0 to 10, None if `uncertain` says why not.
 
     certainty: share of the limbs that was seen, 0 to 1. band: the references and the performance, for a figure.
     """
@@ -178,7 +178,6 @@ class JudgeScore:
     score: float | None
     certainty: float = 0.0
     remarks: tuple[Remark, ...] = ()
-    limbs: tuple[tuple[str, float], ...] = ()
     band: Band | None = None
     uncertain: str = ""
 
@@ -209,8 +208,7 @@ class ReferenceTakes:
         self._align = align
         self._places = [places_of(take.trace) for take in takes]
         self._people = np.array([take.person for take in takes])
-        columns = columns_of(self._limbs, self._joints)
-        self._weights, self._limb_of = weights_of(columns), np.array([limb for _, limb in columns])
+        self._weights = weights_of(columns_of(self._limbs, self._joints))
         self.spread = spread or self._measured(own)
 
     @property
@@ -250,9 +248,8 @@ class ReferenceTakes:
         # Less than usual is no merit.
         off = np.maximum((row - self.spread.usual) / self.spread.spread, 0.0)
         score = float(BEST * HALF ** max(float(self._weights @ off) - self.spread.typical, 0.0))
-        limbs = tuple((limb.name, float(off[self._limb_of == limb.name].mean())) for limb in self._limbs)
         remarks = remarks_of(band, self.spread.remarked)
-        return JudgeScore(score, certainty, remarks, limbs, band)
+        return JudgeScore(score, certainty, remarks, band)
 
     def _compare(self, places: Floats32, others: Sequence[int]) -> tuple[Floats, Band, float]:
         """Deviations from the nearest of the others and its distance; the band of the BAND nearest."""

@@ -76,7 +76,7 @@ class ModelLearner:
         self._due_s, self.learned = time.monotonic() + in_s, None
 
     def ready(self) -> AnyObserver | None:
-        """The observer of the adopted model, once, when it is due."""
+        """The observer of the adopted model: once, when it is due; else None."""
         if self._due_s is None or time.monotonic() < self._due_s:
             return None
         observer, self._observer, self._due_s = self._observer, None, None
@@ -87,7 +87,7 @@ class ModelLearner:
         return self._model if self._model.exists() else self._scene_model
 
     def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
-        """Remove the models that were learned from it, the one in force only if that is asked; returns how many.
+        """Remove the models that were learned from unwanted takes; returns how many. in_force: also the one in force.
 
         The file that the scene names would be in force again after the one that was taught: it goes with that one, and
         if it knows the person. Raises LabanmeshError for a file that cannot be removed; the others are gone then.
@@ -111,7 +111,7 @@ class ModelLearner:
         return len(gone)
 
     def knows(self, unwanted: Unwanted) -> bool:
-        """Whether the model in force was learned from it."""
+        """Whether the model in force was learned from unwanted takes."""
         return _knows(self._in_force, unwanted)
 
     def close(self) -> None:

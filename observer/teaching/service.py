@@ -64,12 +64,12 @@ class TeachableObserver:
 
     @property
     def vocabulary(self) -> Vocabulary | None:
-        """The movements of the model in force."""
+        """The movements of the model in force; None without one."""
         return None if self._observer is None else self._observer.vocabulary
 
     @property
     def leans_on(self) -> BodyRegionShares | None:
-        """What the model in force leans on."""
+        """The regions of the body that the model in force leans on; None if unknown."""
         return None if self._observer is None else self._observer.leans_on
 
     @property
@@ -110,7 +110,7 @@ class TeachableObserver:
         return posterior
 
     def end(self) -> Posterior | None:
-        """The posterior now that the source has ended."""
+        """The posterior now that the source has ended; None if it shows nothing new."""
         return None if self._observer is None else self._observer.end()
 
     def respond(self, payload: bytes) -> bytes | None:

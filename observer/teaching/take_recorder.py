@@ -84,7 +84,7 @@ class TakeRecorder:
 
     @property
     def report(self) -> TakeReport | None:
-        """The take that is recorded now, or the last one."""
+        """The take that is recorded now, else the last one; None before the first."""
         current = self.current
         if current is None or current.watch is None:
             return self._last

@@ -118,7 +118,7 @@ class Teaching:
         return reply.model_copy(update={"earlier": self._takes.earlier}) if request.command in EARLIER else reply
 
     def recorded(self) -> MotionArchive | None:
-        """A snapshot of all takes on the disk, for `check`, which takes too long for the thread of the frames."""
+        """All takes on the disk, None without any: for `check`, which takes too long for the thread of the frames."""
         return self._takes.archive
 
     def _refused(self, request: TeachRequest, now_s: float) -> str:

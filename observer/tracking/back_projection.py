@@ -158,7 +158,10 @@ class BackProjection:
     def camshift(
         self, start: Floats, side: float, wide: float, masks: Sequence[Mask], head: bool = False
     ) -> SkinPatch | None:
-        """CAMshift from a window of `side` about `start`, within `wide`. head: search all skin colour."""
+        """CAMshift from a window of `side` about `start`, within `wide` of it, px; None if nothing is there.
+
+        masks: ellipses (centre, half axes) that are left out. head: search all skin colour.
+        """
         position, half = self._inside(start), wide / self.step
         window = PixelRect.around(position, (half, half), self.back.shape)
         back = window.cut(self.skin if head else self.back).copy()

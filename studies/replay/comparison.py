@@ -40,12 +40,12 @@ class VerdictComparison:
 
     @property
     def last_recorded(self) -> VerdictMessage | None:
-        """The last recorded message."""
+        """The last recorded message; None without one."""
         return self.recorded[-1].verdict if self.recorded else None
 
     @property
     def last_replayed(self) -> VerdictMessage | None:
-        """The last message of the replay."""
+        """The last message of the replay; None without one."""
         return self.replayed[-1].verdict if self.replayed else None
 
     @property

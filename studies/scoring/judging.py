@@ -84,7 +84,7 @@ class ScoredPerformance:
 
     @property
     def score(self) -> float | None:
-        """The referee's, 0 to 10."""
+        """The referee's, 0 to 10; None if too few judges have one."""
         return pooled(self.scores)
 
     @property
@@ -107,7 +107,7 @@ class ScoredPerformance:
         }  # fmt: skip
 
     def figure_of(self) -> Band | None:
-        """The band of the judge whose remarks are the strongest."""
+        """The band of the judge whose remarks are the strongest; None if no judge has one."""
         known = [each for each in self.scores.values() if each.band is not None]
         if not known:
             return None

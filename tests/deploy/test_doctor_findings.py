@@ -221,8 +221,8 @@ def test_faults_of_observers_that_may_run_elsewhere_are_warnings():
         assert worst(check_cameras(absent, [], certain=certain)) == mark
 
 
-REACHED = Connection(("127.0.0.1",), 0.0004)
-REFUSED = Connection(("127.0.0.1",), refused=True, fault="nothing listens there")
+REACHED = Connection(0.0004)
+REFUSED = Connection(refused=True, fault="nothing listens there")
 HERE, THERE = "tcp/127.0.0.1:7447", "tcp/10.0.0.9:7447"
 
 
@@ -309,7 +309,7 @@ def test_the_page_of_the_docs_names_every_group():
     assert all(group in text for group in GROUPS)
 
 
-BROKER = BrokerFacts("homeassistant.local:1883", Connection(("10.0.0.2",), 0.004), starts=True, installed=True)
+BROKER = BrokerFacts("homeassistant.local:1883", Connection(0.004), starts=True, installed=True)
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,6 @@ def test_the_first_remark_names_the_joint_its_direction_and_how_much(references)
     judged = references.judge(bow(seed=99, bend=25))
     assert judged.remarks[0].joint == "left elbow" and judged.remarks[0].limb == "left arm"
     assert judged.remarks[0].degrees == pytest.approx(-25, abs=8) and "degrees too bent at" in judged.remarks[0].words
-    assert dict(judged.limbs)["left arm"] > dict(judged.limbs)["right leg"]
 
 
 @pytest.mark.parametrize("seed", range(50, 60))
