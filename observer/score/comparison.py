@@ -146,7 +146,7 @@ these three .915 (docs/results/notebook.md). They stay, because other movements 
 def deviations(
     performance: Floats32, take: Floats32, path: Integers, rate_hz: float, limbs: Sequence[Limb], ranges: Floats
 ) -> Floats:
-    """(D,) deviations from a take, 0 and more, in the order of `columns_of`.
+    """(D,) deviations from a take, 0 and more, in the groups and the order of WEIGHTS.
 
     performance, take: (F, P, 2) places; path: the frames that belong together. ranges: (2, J) degrees, how far each
     joint goes in both.
@@ -175,20 +175,13 @@ def _log_ratio(one: Floats | float, other: Floats | float) -> Floats:
     return np.abs(np.log((np.asarray(one, np.float64) + SMALL_MOVE) / (np.asarray(other, np.float64) + SMALL_MOVE)))
 
 
-def columns_of(limbs: Sequence[Limb], joints: Sequence[LimbJoint]) -> list[tuple[str, str]]:
-    """The group and the limb of each deviation; tempo is of no limb."""
-    each = [limb.name for limb in limbs]
-    axes = [limb.name for limb in limbs for _ in limb.parts for _ in range(2)]
-    of_group = {
-        "extent": each, "extent by axis": axes, "range": [joint.limb for joint in joints], "path": each, "speed": each,
-        "tempo": ["", ""],
+def weights_of(limbs: Sequence[Limb], joints: Sequence[LimbJoint]) -> Floats:
+    """(D,) weights of the columns of `deviations`: the columns of a group share its weight; all sum to 1."""
+    axes = sum(2 * len(limb.parts) for limb in limbs)
+    counts = {
+        "extent": len(limbs), "extent by axis": axes, "range": len(joints), "path": len(limbs), "speed": len(limbs),
+        "tempo": 2,
     }  # fmt: skip
-    return [(group, limb) for group, own in of_group.items() for limb in own]
-
-
-def weights_of(columns: Sequence[tuple[str, str]]) -> Floats:
-    """(D,) of these columns: those of a group are alike; they sum to 1."""
-    groups = [group for group, _ in columns]
-    weights = np.array([WEIGHTS[group] / groups.count(group) for group in groups])
+    weights = np.concatenate([np.full(count, WEIGHTS[group] / max(count, 1)) for group, count in counts.items()])
     result: Floats = weights / weights.sum()
     return result

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from observer.model.base import Arrays, array_in
 from observer.model.body_trace import hop_of, width_of
-from observer.score.comparison import columns_of, joints_of, limbs_of
+from observer.score.comparison import joints_of, limbs_of, weights_of
 from observer.score.references import ReferenceSpread, ReferenceTake, ReferenceTakes
 
 LABELS_ARRAY = "reference_labels"
@@ -42,7 +42,7 @@ def references_from_arrays(
         return {}
     own = [str(label) for label in arrays[LABELS_ARRAY]]
     joints = len(joints_of(body_parts))
-    deviations = len(columns_of(limbs_of(body_parts), joints_of(body_parts)))
+    deviations = len(weights_of(limbs_of(body_parts), joints_of(body_parts)))
     traces = array_in(arrays, "reference_traces", (None, width_of(len(body_parts))), np.float32)
     lengths = array_in(arrays, "reference_lengths", (None,), np.int64)
     columns = {"usual": deviations, "spreads": deviations, "scales": 2, "remarked": joints}

@@ -19,7 +19,6 @@ from observer.score.comparison import (
     Alignment,
     LimbJoint,
     angles_of,
-    columns_of,
     deviations,
     joints_of,
     limbs_of,
@@ -208,7 +207,7 @@ class ReferenceTakes:
         self._align = align
         self._places = [places_of(take.trace) for take in takes]
         self._people = np.array([take.person for take in takes])
-        self._weights = weights_of(columns_of(self._limbs, self._joints))
+        self._weights = weights_of(self._limbs, self._joints)
         self.spread = spread or self._measured(own)
 
     @property
