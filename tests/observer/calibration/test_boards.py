@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import printed_board, rejected
-from scipy.optimize import least_squares
 
 from observer.calibration.board import Charuco, Chessboard, parse_chessboard, pictures, read_board
 from observer.calibration.bundle import BoardCorners, RigidTransform, _Problem, bundle_adjust
@@ -22,7 +21,6 @@ from observer.calibration.parameters import (
     fit_lens,
     solve_extrinsics,
 )
-from observer.calibration.sparse_least_squares import SparseJacobian, least_robust_squares
 
 K = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
 LENS = FittedLens(K, np.array([0.1, -0.1, 0, 0, 0.0]), 0.0, {})
@@ -305,24 +303,3 @@ def test_two_cameras_get_the_relative_pose_that_most_of_their_pictures_agree_wit
     new[wrong] = RigidTransform(rotation((0.0, 0.0, 0.9), "test"), np.array([0.0, 1.0, 0.0])).after(new[wrong])
     pose = _relative_pose(known, new, "one and two")
     assert angle_between(pose.R, between.R) < 0.05 and np.linalg.norm(pose.t - between.t) < 0.05
-
-
-def test_the_robust_minimum_is_scipys():
-    """A line through points, of which some are wrong: pseudo-Huber loss, which scipy calls soft_l1."""
-    rng = np.random.default_rng(2)
-    design = np.column_stack([np.linspace(0, 1, 30), np.ones(30)])
-    measured = design @ [3.0, -1.0] + rng.normal(0, 0.1, 30)
-    measured[::7] += 8.0
-
-    def evaluate(x):
-        jacobian = SparseJacobian(2)
-        jacobian.begin(30)
-        jacobian.add(slice(0, 2), design)
-        return design @ x - measured, jacobian
-
-    x, residuals = least_robust_squares(evaluate, np.zeros(2), 0.3)
-    theirs = least_squares(lambda x: design @ x - measured, np.zeros(2), loss="soft_l1", f_scale=0.3, xtol=1e-14)
-    np.testing.assert_allclose(x, theirs.x, atol=1e-3)
-    cost = 0.3**2 * (np.sqrt(1 + (residuals / 0.3) ** 2) - 1).sum()
-    assert cost == pytest.approx(theirs.cost, rel=1e-6)
-    np.testing.assert_allclose(residuals, design @ x - measured)

@@ -13,7 +13,7 @@ from processes import within
 from common.backoff import Backoff
 from common.errors import LabanmeshError
 from observer.camera.base import CameraFault
-from observer.camera.live import CameraHistory, CameraTimeouts, LatestFrame, LiveCamera
+from observer.camera.live import CameraTimeouts, LiveCamera
 
 SOON = Backoff(first_s=0.01, longest_s=0.02)
 SHORT = CameraTimeouts(silence_s=0.3, same_s=0.05)
@@ -69,28 +69,6 @@ class FakeCamera:
 def reader_of(camera, **arguments):
     options = {"timeouts": SHORT, "backoff": SOON, **arguments}
     return FrameReader(lambda report: LiveCamera("cam", camera.connect, report, **options))
-
-
-def test_the_newest_frame_replaces_one_that_was_not_taken():
-    newest = LatestFrame(0)
-    assert newest.take(0) == (None, CameraHistory(0, 0))
-    for number in range(3):
-        newest.put(100 + number, picture(number), 10 + number)
-    frame, history = newest.take(WAIT_S)
-    assert (frame.captured_ns, number_of(frame)) == (102, 2)
-    assert history == CameraHistory(12, 12)
-    assert newest.take(0)[0] is None
-
-
-def test_an_identical_picture_is_new_but_unchanged_and_a_picture_ends_a_fault():
-    newest = LatestFrame(0)
-    newest.put(1, picture(7), 10)
-    newest.put(2, picture(7), 20)
-    assert newest.take(0)[1] == CameraHistory(20, 10)
-    newest.fail("gone")
-    assert newest.take(0) == (None, CameraHistory(20, 10, "gone"))
-    newest.put(3, picture(8), 30)
-    assert newest.take(0)[1] == CameraHistory(30, 30)
 
 
 def test_a_slow_observer_always_gets_the_newest_and_none_twice():

@@ -205,13 +205,3 @@ def test_opencv_and_ffmpeg_write_nothing_to_stderr(tmp_path, video):
         "there is no /dev/video93",
         "there is no /dev/video93",
     ]
-
-
-def test_a_recorded_person_and_a_recording_that_was_cut_off(data, tmp_path):
-    source = open_pictures("wave_webcam/wave.mp4", data, speed=0)
-    assert (source.rate_hz, source.size_px, source.count) == (10.0, (420, 420), 125)
-    frames = list(source.frames(threading.Event()))
-    assert len(frames) == 125
-    assert {frame.content.shape for frame in frames} == {(420, 420, 3)}
-    (tmp_path / "cut.mp4").write_bytes((data / "wave_webcam" / "wave.mp4").read_bytes()[:1000])
-    assert "cut.mp4: MP4 file, but no picture can be read" in rejection("cut.mp4", tmp_path)

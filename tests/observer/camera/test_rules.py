@@ -50,14 +50,6 @@ def test_silence_begins_exactly_after_the_stated_wait(start, later):
         assert assess(history, then - 2, TIMEOUTS).state == "delivering"
 
 
-@given(st.integers(1, 100_000), st.floats(0.01, 10), st.floats(1, 100))
-def test_waits_double_up_to_the_longest(failures, first_s, times_longer):
-    backoff = Backoff(first_s, first_s * times_longer)
-    wait_s = backoff.wait_s(failures)
-    assert first_s <= wait_s <= backoff.longest_s
-    assert backoff.wait_s(failures + 1) == min(2 * wait_s, backoff.longest_s)
-
-
 def test_the_wait_starts_over_only_for_a_camera_that_had_delivered():
     backoff = Backoff(first_s=0.25, longest_s=8, steady_s=2)
     assert [backoff.wait_s(n) for n in range(1, 8)] == [0.25, 0.5, 1, 2, 4, 8, 8]

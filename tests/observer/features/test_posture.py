@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from common.errors import BadInput
 from observer.body import BodyFrame
 from observer.features import (
     FEATURES_PER_PART,
@@ -66,17 +65,6 @@ def test_the_parts_that_are_read_are_relative_to_the_whole_body():
     assert of_some[:, -HANDS_FEATURES:] == pytest.approx(of_all[:, -HANDS_FEATURES:], nan_ok=True)
 
 
-def test_by_hand():
-    centres = [[[0, 100], [100, 0], [0, 0]], [[0, 82], [100, 0], [0, 0]], [[0, 82], GONE, [0, 0]]]
-    features = of_parts(read(centres))
-    np.testing.assert_allclose(features[0, :, :2], [[0, -1 / 0.45], [1 / 0.45, 0], [0, 0]])  # up is positive
-    assert np.isnan(features[0, :, 2:]).all()
-    # 18 of 45 in a frame: 0.4 body sizes in a fifteenth of a second, straight up
-    np.testing.assert_allclose(features[1, 0], [0, -82 / 45, 0, FAST, 0.4])
-    np.testing.assert_allclose(features[1, 1, 2:], 0)
-    assert np.isnan(features[2, 1]).all() and np.isfinite(features[2, [0, 2]]).all()
-
-
 @given(CENTRES, arrays(np.bool_, (10, 3)), st.sampled_from([10.0, 15.0, 30.0]))
 def test_against_the_oracle(centres, missing, rate_hz):
     centres[missing] = np.nan
@@ -113,13 +101,6 @@ def test_groups_are_seen_as_a_whole():
     assert len(groups) == visible.shape[1] and groups.max() == 6
     for group in range(7):
         assert (visible[:, groups == group].all(axis=1) == visible[:, groups == group].any(axis=1)).all()
-
-
-def test_two_hands_without_a_head_have_a_posture_and_one_hand_has_none():
-    features = read([[[-20, 0], [20, 0]], [[-20, -9], [20, 0]]], body_parts=("left_hand", "right_hand"))
-    assert np.isfinite(features[1]).all() and features[1, 3] > 0.9 * FAST  # up
-    with pytest.raises(BadInput, match="at least two parts"):
-        PostureReader(("left_hand",), RATE, FAST)
 
 
 @given(arrays(np.float64, (3, 2), elements=st.floats(-5, 5)), st.floats(0, 2 * math.pi))

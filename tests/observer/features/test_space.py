@@ -32,15 +32,6 @@ def test_the_order_of_the_paper():
     assert VectorSymbol.NOT_SEEN == -1
 
 
-def test_by_hand():
-    moves = np.array(
-        [[0, -9], [9, -9], [9, 0], [9, 9], [0, 9], [-9, 9], [-9, 0], [-9, -9], [0, 0], [1, 1], [9, np.nan]]
-    )
-    symbols = vector_symbols(moves, size=20.0, threshold=0.1)
-    assert [VectorSymbol(s).name for s in symbols] == [*RING, "O", "O", "NOT_SEEN"]
-    assert symbols.dtype == np.int8
-
-
 @given(ANGLE, st.floats(0.2, 1e6))
 def test_against_an_oracle_that_compares_angles(angle_deg, length):
     assume(away_from_edges(angle_deg))

@@ -8,8 +8,6 @@ from hypothesis.extra.numpy import arrays
 
 from observer.body import Stillness
 from observer.geometry.views import parse_view
-from observer.motion.archive import movements_in
-from observer.motion.archive_file import read_archive
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, Tracks
 
@@ -125,12 +123,3 @@ def test_recorded_people_are_not_still_while_they_move_and_are_when_they_freeze(
     frozen = [np.concatenate([c[: len(c) // 2], np.repeat(c[len(c) // 2][None], 12, axis=0)]) for c in people]
     seen = [f for f in frozen if np.isfinite(f[-1]).all()]
     assert np.mean([still(f)[-1] for f in seen]) > 0.98
-
-
-def test_karate_is_no_stillness(data):
-    archive = read_archive(data / "karate" / "karate.npz")
-    parts = (*BODY_PARTS, "left_foot", "right_foot")
-    spans = [r for r in movements_in(archive) if r.subject in "12"]
-    tracks = [view_tracks(parse_view("door"), r, archive.body_parts, parts) for r in spans]
-    p = [still([t.centres for t in recording], 30.0, parts)[10:] for recording in tracks]
-    assert np.concatenate(p).mean() < 0.1

@@ -177,18 +177,6 @@ def test_the_posterior_is_always_a_distribution(seed, known, negligible, strengt
         assert belief.posterior.sum() == pytest.approx(1) and 0 <= belief.rest <= 1
 
 
-@some
-@given(seed=SEEDS, constant=st.floats(-800, 800))
-def test_a_constant_added_to_all_evidence_changes_nothing(seed, constant):
-    rng = np.random.default_rng(seed)
-    plain, shifted = chain_filter(known=True), chain_filter(known=True)
-    for _ in range(6):
-        frame = Table.drawn(rng)
-        plain.step(frame)
-        shifted.step(Table(frame.log + constant, frame.rest + constant, frame.after + constant))
-    assert shifted.posterior == pytest.approx(plain.posterior, abs=1e-5)
-
-
 class CountedEvidence:
     """Evidence that notes how many cells were counts for."""
 

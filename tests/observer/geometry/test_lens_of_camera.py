@@ -1,4 +1,4 @@
-"""The lens against the formulas that define it, written out and turned round by brute force, and against OpenCV."""
+"""The lens against the formulas that define it, and turned round."""
 
 import numpy as np
 import pytest
@@ -18,21 +18,6 @@ def drawn_at(x, y, k1, k2, p1, p2, k3):
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
     return (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y)
-
-
-@pytest.mark.parametrize("pixel", [(330, 250), (20, 30), (620, 470), (100, 400)])
-@pytest.mark.parametrize("distortion", [[-0.35, 0.12, 1e-3, -2e-3, -0.01], [0.19, -0.25, 2e-3, -5e-3, 0.11]])
-def test_undistortion_agrees_with_an_exhaustive_search(pixel, distortion):
-    target = (np.array(pixel) - K[:2, 2]) / np.diag(K)[:2]
-    centre, half = np.zeros(2), 0.8
-    while half > 1e-9:
-        x, y = np.meshgrid(*(c + np.linspace(-half, half, 81) for c in centre))
-        u, v = drawn_at(x, y, *distortion)
-        best = ((u - target[0]) ** 2 + (v - target[1]) ** 2).argmin()
-        centre, half = np.array([x.flat[best], y.flat[best]]), half / 8
-    expected = centre * np.diag(K)[:2] + K[:2, 2]
-    undistorted = LensDistortion(K, np.array(distortion)).undistorted(np.array([pixel], float))
-    np.testing.assert_allclose(undistorted, [expected], atol=1e-4)
 
 
 @given(

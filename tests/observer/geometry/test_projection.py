@@ -73,12 +73,6 @@ def test_a_matrix_that_is_not_a_camera_gives_nan(matrix):
     assert np.isnan(project(matrix, np.ones((2, 3)))).all()
 
 
-@given(YAW, PITCH, POINT, st.floats(0.01, 100) | st.floats(-100, -0.01))
-def test_scale_has_no_effect(yaw, pitch, point, factor):
-    matrix = camera(yaw, pitch)
-    np.testing.assert_allclose(project(matrix * factor, point), project(matrix, point), rtol=1e-9, atol=1e-6)
-
-
 @given(YAW, PITCH, POINT, st.floats(0.5, 8), POINT)
 def test_points_in_front_are_finite_and_behind_are_nan(yaw, pitch, target, distance, point):
     towards = np.array(

@@ -94,11 +94,6 @@ def test_split_rejects(text):
         split_views(text)
 
 
-def test_turning_left_by_hand():
-    front = np.array([0.0, 1.0, -1.0])
-    np.testing.assert_allclose(turned(front, math.pi / 2, np.zeros(3)), [-1, 1, 0], atol=1e-15)  # now to his old left
-
-
 @given(POSITIONS, DEGREES, DEGREES)
 def test_turning_equals_moving_the_camera(positions, turn, yaw):
     view = parallel_matrix(math.radians(yaw), 0.2)

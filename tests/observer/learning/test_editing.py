@@ -95,16 +95,6 @@ def test_a_movement_added_is_as_one_learned_at_once(people, before, newcomers, t
             assert abs(one.unlearned - other.unlearned).max() < 0.03
 
 
-def test_added_and_old_movements_are_recognised(model, people):
-    grown = add_movements(model, recordings_of(people, ("1", "2"), (NEW[0],)), DOOR).model
-    shown = recordings_of(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
-    assert [recognised(grown, r) for r in shown] == [r.label for r in shown]
-    # One between two others taken out moves the last one down.
-    smaller = remove_movements(grown, ("shake",))
-    assert smaller.header.vocabulary.labels == ("ok", "lunging")
-    assert [recognised(smaller, r) for r in shown if r.label != "shake"] == ["ok", "lunging"]
-
-
 @pytest.mark.parametrize(("kind", "facings"), [("phase", 1), ("frame-table", 1), ("stacked", 12)])
 def test_a_model_without_all_its_takes_is_not_edited(people, kind, facings):
     parameters = {"facings": float(facings), "kernels": 336.0} if kind == "stacked" else {}

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, Span, TracksCamera, clean_label, is_label
 from observer.motion.archive_file import read_archive, write_archive
 
@@ -213,23 +213,6 @@ def test_an_invalid_archive_is_not_written(archive, words, tmp_path):
     with pytest.raises(BadInput, match=words):
         write_archive(tmp_path / "motion.npz", archive)
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("interruption", [KeyboardInterrupt, OSError(28, "No space left on device"), ValueError])
-def test_an_interrupted_write_leaves_only_the_old_file(interruption, tmp_path, monkeypatch):
-    path = tmp_path / "motion.npz"
-    write_archive(path, small())
-    before = path.read_bytes()
-
-    def interrupt(_):
-        raise interruption
-
-    monkeypatch.setattr("observer.files.os.fsync", interrupt)
-    expected = LabanmeshError if isinstance(interruption, OSError) else interruption
-    with pytest.raises(expected):
-        write_archive(path, small(label="other"))
-    assert path.read_bytes() == before
-    assert [entry.name for entry in tmp_path.iterdir()] == ["motion.npz"]
 
 
 def test_a_link_is_written_through(tmp_path):

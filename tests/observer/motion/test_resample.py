@@ -23,13 +23,6 @@ def x(recording):
     return recording.positions[:, 0, 0].tolist()
 
 
-def test_twice_the_rate_interpolates_frames():
-    doubled = resample(line(4), 20.0)
-    assert x(doubled) == [0, 0.5, 1, 1.5, 2, 2.5, 3]
-    assert (doubled.rate_hz, doubled.label, doubled.subject, doubled.trial) == (20.0, "walk", "3", "2")
-    assert doubled.positions.dtype == np.float32
-
-
 def test_a_lower_rate_keeps_the_first_frame():
     assert x(resample(line(5), 5.0)) == [0, 2, 4]
     assert x(resample(line(6), 5.0)) == [0, 2, 4]

@@ -5,7 +5,6 @@ import sys
 import threading
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from observer_stage import rejected
@@ -184,20 +183,6 @@ def test_the_report_says_how_many_people_there_are_and_who_is_followed():
     ):
         assert any(line in each for each in report_lines(changed(people=people)))
     assert not any("people" in each for each in report_lines(FINE))
-
-
-@cascade
-@pytest.mark.slow
-def test_a_recorded_person_who_waves_is_seen(run, data, tmp_path):
-    output = run(data / "wave_webcam" / "wave.mp4", "--frames", 25)
-    assert "wave.mp4: 420x420 px, 10 Hz as recorded, 25 pictures read" in output
-    assert "right hand  seen" in output and "head        seen" in output
-    marked = cv2.imread(str(tmp_path / "look.png"))
-    assert marked.shape == (420, 420, 3)
-    assert "nothing to do" in output
-    # The right hand waves, on the left of the picture. Seen from behind it would be the left one.
-    exchanged = run(data / "wave_webcam" / "wave.mp4", "--tracker", "camshift", "--view", "yaw:180", "--frames", 18)
-    assert "the left hand is on the right hand's side in 100 % of the pictures: say from where" in exchanged
 
 
 @pytest.mark.parametrize(("exact", "red"), [(True, "2;255;0;0"), (False, "5;196")])

@@ -10,15 +10,10 @@ from performances import PassThrough
 
 from common import SECOND_NS
 from common.errors import BadInput
-from common.vocabulary import Vocabulary
 from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.projection import LensDistortion, pinhole_matrix, project
-from observer.geometry.views import parse_view
-from observer.learning.learn import learn_view
-from observer.model.base import Onset
 from observer.motion.archive import MotionArchive, Recording, streams_in
 from observer.motion.archive_file import read_archive, write_archive
-from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
 from observer.recording.new_recording import NothingRecorded, build_recording
@@ -266,37 +261,3 @@ def test_bad_input_is_rejected_with_one_line_and_the_archive_stays(run, dojo, ar
     with rejected(message):
         run("scene.toml", "-o", "mine.npz", *arguments.split())
     assert (dojo / "mine.npz").read_bytes() == before
-
-
-def test_a_model_learned_from_recorded_positions_is_as_good_as_from_the_originals(msr):
-    labels = ("high_arm_wave", "hand_clap", "forward_kick", "draw_circle")
-    few = [r for r in msr.recordings if r.label in labels and r.subject in "123678" and r.trial == "1"]
-    assert len(few) == 24
-    rng = np.random.default_rng(1)
-    matrices = [pinhole_matrix(math.radians(yaw), 0.1, 3.5, 700, (640, 360), (0, 0, 2.6)) for yaw in (-40, 0, 45)]
-    again = []
-    for one in few:
-        noisy = tracks_of(one.positions.astype(float), 15, matrices, lambda n, c: c + rng.normal(0, 1, c.shape))
-        again.append(recorded(noisy, rate_hz=15.0, label=one.label, subject=one.subject, trial=one.trial)[0])
-    off = [
-        np.linalg.norm(made.positions - one.positions[: len(made.positions)], axis=-1)
-        for made, one in zip(again, few, strict=True)
-    ]
-    assert np.nanmedian(np.concatenate(off)) < 0.01
-    right = [correct_count(few, source, labels) for source in (few, again)]
-    assert abs(right[0] - right[1]) <= 2
-    assert right[1] > 0.7 * sum(r.subject in "678" for r in few)
-
-
-def correct_count(originals, learned_from, labels):
-    """How many recordings of people 6, 7, 8 a model of people 1, 2, 3 gets right, seen from the door."""
-    train = tuple(r for r in learned_from if r.subject in "123")
-    view = parse_view("door")
-    model = learn_view(MotionArchive(BODY_PARTS, train), view, Vocabulary(labels), kind="phase", calibrate=False)
-    right = 0
-    for one in (r for r in originals if r.subject in "678"):
-        observer = model.watch(Onset(known=True, length=len(one.positions)))
-        for tracks in view_tracks(view, one, BODY_PARTS, BODY_PARTS):
-            observer.update(tracks)
-        right += labels[int(observer.p.argmax())] == one.label
-    return right

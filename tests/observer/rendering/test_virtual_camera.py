@@ -6,14 +6,12 @@ import threading
 import numpy as np
 import pytest
 from observer_stage import rejected
-from rendered_truth import visible_truth
 
 from observer.geometry.projection import project
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.body import stature
-from observer.rendering.scenery import BACKGROUNDS, Scenery
 from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
 from observer.tracks import BODY_PARTS
 
@@ -44,15 +42,6 @@ def test_each_frame_of_motion_is_one_picture_stamped_when_it_was_due():
     assert [frame.captured_ns for frame in frames] == [1_001, 1_002, 1_003, 1_004]
     assert all(frame.content.shape == (480, 640, 3) and frame.content.dtype == np.uint8 for frame in frames)
     assert (frames[0].content != frames[-1].content).any()
-
-
-def test_the_renderer_of_a_recording_gives_the_ground_truth():
-    source = camera()
-    played = source.motion.recordings[0]
-    renderer = source.renderer(played)
-    for number, picture in enumerate(pictures(source)):
-        np.testing.assert_array_equal(renderer.picture(played.positions[number], number), picture)
-        assert visible_truth(renderer, played.positions[number]).visible().all()
 
 
 def test_the_performers_position_does_not_matter():
@@ -97,14 +86,3 @@ def test_the_camera_stands_in_the_direction_of_its_view_and_aims_at_the_middle(v
     seen = project(matrix, standing.middle + step) - [319.5, 239.5]
     np.testing.assert_allclose(seen, parallel[:2, :3] @ step * 1.35 * 480 / 3.5, atol=1e-3)
     assert aimed_matrix(View("calibrated", matrix), standing) is matrix
-
-
-@pytest.mark.parametrize("view", ["door", "wheel", "yaw:45"])
-def test_recorded_people_are_in_the_picture(msr, view):
-    for number, recorded in enumerate(msr.recordings[::80]):
-        source = camera(recorded, view=view, scenery=Scenery(BACKGROUNDS[number % 3], noise=3.0))
-        renderer = source.renderer(recorded)
-        truths = [visible_truth(renderer, positions) for positions in recorded.positions[::20]]
-        seen = np.isfinite(recorded.positions[::20]).all(axis=2)
-        assert np.mean([truth.shares[2] > 0.3 for truth, known in zip(truths, seen, strict=True) if known[2]]) > 0.8
-        assert renderer.picture(recorded.positions[0], 0).shape == (480, 640, 3)
