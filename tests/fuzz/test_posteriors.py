@@ -122,7 +122,7 @@ def read(payload):
 
 
 def has_field_twice(payload):
-    """Whether a map has a field twice: MessagePack's reader keeps the last one, ours may refuse the message for either."""
+    """Whether a map has a field twice: MessagePack keeps the last one, our reader may refuse the message for either."""
     maps = []
     msgpack.unpackb(payload, unicode_errors="surrogateescape", object_pairs_hook=lambda pairs: maps.append(pairs) or 0)
     return any(len({name for name, _ in pairs}) < len(pairs) for pairs in maps)
