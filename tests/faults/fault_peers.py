@@ -42,7 +42,7 @@ def write_in_short(arrival):
     names = ("scene", "at_ns", "fusion", "session", "id", "label", "stage", "began_ns", "decided_ns", "ended_ns")
     facts = {name: getattr(message, name) for name in (*names, "same_as", "why", "epoch") if hasattr(message, name)}
     facts["agreement"], facts["likeliest"] = vars(message.agreement), max(message.p)
-    facts["movement"] = None if message.movement is None else message.movement.id
+    facts["movement"] = message.movement and {"id": message.movement.id}
     facts["votes"] = {name: vote_in_short(vote) for name, vote in message.votes.items()}
     print(json.dumps({"kind": kind, "arrived_ns": arrival.arrived_ns, "message": facts}), flush=True)
 
