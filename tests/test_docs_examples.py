@@ -43,6 +43,15 @@ def test_the_scene_file_of_init_begins_as_shown(tmp_path, monkeypatch):
     assert all(line in written for line in shown.splitlines() if "labanmesh camera look" not in line)
 
 
+def test_the_observers_of_two_machines_see_from_where_the_models_of_the_demo_do(tmp_path):
+    from studies.demo_scene import DEMO_CORNERS
+
+    (text,) = [block for block in blocks(DOCS / "guide" / "operate.md", "toml") if 'scene = "demo"' in block]
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    observers = read_scene(tmp_path / "scene.toml", {}).observers
+    assert {name: section.view for name, section in observers.items()}.items() <= DEMO_CORNERS.items()
+
+
 def executed(text):
     names = {"__name__": "documented"}
     exec(compile(text, "docs", "exec"), names)  # noqa: S102 - the text is ours
