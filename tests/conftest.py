@@ -67,9 +67,8 @@ def pytest_collection_finish() -> None:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Half of the workers begin with tests by the clock, the others with calculations, and these give way to processes.
-
-    pytest-xdist gives each worker an equal part of the list, in its order; those that are done take from others' ends.
-    """
+    pytest-xdist gives each worker an equal part of the list, in its order; those that are done take from others'
+    ends."""
     worker = getattr(config, "workerinput", {"workerid": "gw0", "workercount": 1})
     parts: list[list[pytest.Item]] = [[] for _ in range(worker["workercount"])]
     waiting = -(-len(parts) // 2)

@@ -1,7 +1,5 @@
-"""The observers of many scenes that see what those of the first scene see. Run as a process.
-
-python attack_echo.py FOLDER: what the observers of the first scene of a folder publish, published in the others too.
-"""
+"""The observers of many scenes that see what those of the first scene see. Run as a process. python attack_echo.py
+FOLDER: what the observers of the first scene of a folder publish, published in the others too."""
 
 import sys
 from pathlib import Path

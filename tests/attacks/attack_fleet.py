@@ -1,8 +1,6 @@
-"""A stage of one scene or many, plain or secured: a router, two fusion services, three observers, a hub.
-
-The first scene has real observers; `attack_echo.py` publishes what they do in the other scenes too. One scene has a
-standby service, many are shared by the two services.
-"""
+"""A stage of one scene or many, plain or secured: a router, two fusion services, three observers, a hub. The first
+scene has real observers; `attack_echo.py` publishes what they do in the other scenes too. One scene has a standby
+service, many are shared by the two services."""
 
 import sys
 from contextlib import ExitStack
@@ -62,9 +60,7 @@ class Fleet(Stage):
 
 class LinkedFleet(Stage):
     """One scene whose processes each reach the router over a line of their own, and have a scene file of their own.
-
-    lines: by name; listeners: those of attack_listeners.py, and a watch, which asks for what it has missed.
-    """
+    lines: by name; listeners: those of attack_listeners.py, and a watch, which asks for what it has missed."""
 
     def __init__(self, replay, folder):
         super().__init__(replay, folder, fusions=SERVICES)

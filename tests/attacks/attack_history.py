@@ -1,7 +1,5 @@
 """The history of one run of an attack: each event as a line of JSON, chained by hashes, kept with the run's seed.
-
-python tests/attacks/attack_history.py FILE: whether the file is whole, and how to run the attack again.
-"""
+python tests/attacks/attack_history.py FILE: whether the file is whole, and how to run the attack again."""
 
 import gzip
 import hashlib
@@ -22,9 +20,7 @@ def storms():
 
 class History:
     """Events of one run; `keep` writes them to build/attacks/<test>-<seed>.jsonl. A line's `chain` covers all before.
-
-    test: its node id, which runs it again.
-    """
+    test: its node id, which runs it again."""
 
     def __init__(self, test, seed, folder=FOLDER):
         self.seed, self._began_ns, self._lines, self._chain = seed, time.time_ns(), [], ""

@@ -1,7 +1,5 @@
 """An attacker as a process of its own, so that its work does not slow the witness: a bare Zenoh session that floods.
-
-python attack_peers.py ENDPOINT MODE KEY BYTES PER_S FOR_S drop|block
-"""
+python attack_peers.py ENDPOINT MODE KEY BYTES PER_S FOR_S drop|block"""
 
 import json
 import sys

@@ -1,8 +1,6 @@
-"""A person who moves and rests, and what four judges output about each frame.
-
-`meet` is a real person of MSR Action3D where LABANMESH_DATA names the recordings, else the synthetic performer, seen by
-four observers that learned from others. `scripted` costs nothing: posteriors that grow sure while somebody moves.
-"""
+"""A person who moves and rests, and what four judges output about each frame. `meet` is a real person of MSR Action3D
+where LABANMESH_DATA names the recordings, else the synthetic performer, seen by four observers that learned from
+others. `scripted` costs nothing: posteriors that grow sure while somebody moves."""
 
 import os
 from dataclasses import dataclass, field

@@ -1,8 +1,6 @@
-"""A scene to be attacked: several scenes in one fusion service, their observers, and a standby service.
-
-`Village` runs the services in this process, `Dojo` as processes of their own behind a router; both are used alike. The
-attacker, and the witness of what is published, are in attack_session.py.
-"""
+"""A scene to be attacked: several scenes in one fusion service, their observers, and a standby service. `Village` runs
+the services in this process, `Dojo` as processes of their own behind a router; both are used alike. The attacker, and
+the witness of what is published, are in attack_session.py."""
 
 import json
 import sys
@@ -172,10 +170,8 @@ class Village(_Stage):
 
 
 class Dojo(_Stage):
-    """Real processes behind a router; the first scene's judges are observers that see the person.
-
-    The other scenes' judges publish from this process.
-    """
+    """Real processes behind a router; the first scene's judges are observers that see the person. The other scenes'
+    judges publish from this process."""
 
     attacker_mode, longest_gap_s, longest_flooded_s = "client", LONGEST_GAP_S, 2.0
 

@@ -1,7 +1,5 @@
-"""A storm: processes of one scene are killed, or frozen, every one to three seconds; and what became of the verdicts.
-
-A killed process is started again within a second, as systemd would. What was performed is known to the frame.
-"""
+"""A storm: processes of one scene are killed, or frozen, every one to three seconds; and what became of the verdicts. A
+killed process is started again within a second, as systemd would. What was performed is known to the frame."""
 
 import threading
 import time
@@ -104,10 +102,8 @@ FAULTS = ("lost", "unheard", "wrong", "doubled", "unended")
 
 @dataclass
 class Aftermath:
-    """What became of the movements: their numbers, and the ids of verdicts without an end.
-
-    few: those among the lost of which too much was heard by fewer observers than the quorum.
-    """
+    """What became of the movements: their numbers, and the ids of verdicts without an end. few: those among the lost of
+    which too much was heard by fewer observers than the quorum."""
 
     movements: int
     right: int = 0

@@ -1,7 +1,5 @@
-"""What a hostile judge may send: each strategy turns what an honest judge sees into hostile messages. Pure.
-
-A strategy is a function of a `Moment`; it returns raw MessagePack payloads, for it obeys no schema.
-"""
+"""What a hostile judge may send: each strategy turns what an honest judge sees into hostile messages. Pure. A strategy
+is a function of a `Moment`; it returns raw MessagePack payloads, for it obeys no schema."""
 
 from dataclasses import dataclass
 
@@ -19,10 +17,8 @@ HOUR_NS = 3600 * SECOND_NS
 
 @dataclass(frozen=True)
 class Moment:
-    """What the hostile judge knows: the time, the number of its message, what it sees, what is really done.
-
-    label: the index of the movement that is performed, None at rest. since_s: seconds since it began.
-    """
+    """What the hostile judge knows: the time, the number of its message, what it sees, what is really done. label: the
+    index of the movement that is performed, None at rest. since_s: seconds since it began."""
 
     now_ns: int
     seq: int

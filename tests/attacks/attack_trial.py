@@ -1,7 +1,5 @@
 """A trial of one hostile judge before the pure engine: recorded posteriors of the honest, and what it did to verdicts.
-
-Posteriors are bytes, and pass the same ingest as in a fusion service; time is simulated.
-"""
+Posteriors are bytes, and pass the same ingest as in a fusion service; time is simulated."""
 
 from dataclasses import dataclass, field
 
@@ -31,9 +29,7 @@ FORGET_S = 4.0
 @dataclass(frozen=True)
 class Case:
     """One row: how many judges, the hostile one among them, at which rate, and how many of the honest are blind.
-
-    slow_hz: the rate of the first honest one, if it is another.
-    """
+    slow_hz: the rate of the first honest one, if it is another."""
 
     strategy: str
     judges: int
@@ -72,9 +68,7 @@ class Harm:
 @dataclass(frozen=True)
 class Outcome:
     """Verdicts by id: label and span in seconds of the film, whether ended; and what is known of the hostile judge.
-
-    about_rest: the least reliability about rest of each judge at any moment, of those that ever lost some.
-    """
+    about_rest: the least reliability about rest of each judge at any moment, of those that ever lost some."""
 
     verdicts: dict
     reliability: float | None
@@ -175,10 +169,8 @@ class _Trial:
 
 
 def compare(person, without, under, honest=None):
-    """The harm that `under` shows beside the same trial `without` the hostile judge.
-
-    honest: the trial in which it is honest too. What is so there as well, is no harm: its honest word counts.
-    """
+    """The harm that `under` shows beside the same trial `without` the hostile judge. honest: the trial in which it is
+    honest too. What is so there as well, is no harm: its honest word counts."""
     harm = _compare(person, without, under)
     if honest is None:
         return harm
@@ -232,10 +224,8 @@ def first_of(ids, outcome):
 
 
 def is_in(other, name, outcome):
-    """Whether a verdict is in another outcome too: its label, for at least half of the shorter time.
-
-    One between two movements may lie a tenth of a second within the next, and belong to none in the other outcome.
-    """
+    """Whether a verdict is in another outcome too: its label, for at least half of the shorter time. One between two
+    movements may lie a tenth of a second within the next, and belong to none in the other outcome."""
     label, (began_s, ended_s), _ = outcome.verdicts[name]
     for known, (start_s, end_s), _ in other.verdicts.values():
         shared_s = min(ended_s, end_s) - max(began_s, start_s)

@@ -1,7 +1,5 @@
 """What the attacks share. LABANMESH_ATTACKS=long is the long form (`make attacks`): real processes, a recorded person.
-
-In the short form the same attacks meet services in this process. LABANMESH_ATTACKS_SEED repeats a run.
-"""
+In the short form the same attacks meet services in this process. LABANMESH_ATTACKS_SEED repeats a run."""
 
 import os
 import random

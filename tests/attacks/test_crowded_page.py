@@ -1,7 +1,5 @@
-"""Strangers at the page: ten thousand idle connections, no descriptors left. The page answers, judging goes on.
-
-What costs nothing of it is in tests/hub/dashboard/test_dashboard_strangers.py and tests/common/test_health_server.py.
-"""
+"""Strangers at the page: ten thousand idle connections, no descriptors left. The page answers, judging goes on. What
+costs nothing of it is in tests/hub/dashboard/test_dashboard_strangers.py and tests/common/test_health_server.py."""
 
 import re
 import subprocess

@@ -1,9 +1,7 @@
 """A hostile judge among honest ones, more than twenty strategies, before the pure engine: verdicts are as without it.
-
 In the long form the honest judges are observers of a recorded person, at 4 and 30 Hz, some of them blind; a table of
 all is written to build/attacks/hostile.md. Where one honest judge that sees is left beside the hostile one, it is one
-word against the other: these rows are reported, and required where the lie is about rest.
-"""
+word against the other: these rows are reported, and required where the lie is about rest."""
 
 import os
 

@@ -1,7 +1,5 @@
-"""A hostile judge in the place of one of four real observers of a recorded person, for one round of the film.
-
-What the three honest ones decide without it, by the pure engine, is what a listener must receive.
-"""
+"""A hostile judge in the place of one of four real observers of a recorded person, for one round of the film. What the
+three honest ones decide without it, by the pure engine, is what a listener must receive."""
 
 import threading
 import time

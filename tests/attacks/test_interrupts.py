@@ -1,8 +1,6 @@
-"""Ctrl-C at any moment, as a terminal sends it: to the whole process group.
-
-The short form interrupts at moments that stderr shows: Python lists each import there. The long form takes twenty
-random moments of each verb, and a second at most for its end.
-"""
+"""Ctrl-C at any moment, as a terminal sends it: to the whole process group. The short form interrupts at moments that
+stderr shows: Python lists each import there. The long form takes twenty random moments of each verb, and a second at
+most for its end."""
 
 import os
 import random

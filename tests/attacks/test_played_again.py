@@ -1,7 +1,5 @@
-"""Real posteriors, captured and played again an hour later, in a plain and in a secured mesh: they count nothing.
-
-In the plain mesh whoever plays them may use every key; in the secured one it has the certificate of an observer.
-"""
+"""Real posteriors, captured and played again an hour later, in a plain and in a secured mesh: they count nothing. In
+the plain mesh whoever plays them may use every key; in the secured one it has the certificate of an observer."""
 
 import threading
 import time

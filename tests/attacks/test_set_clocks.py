@@ -1,7 +1,5 @@
 """The clock of the fusion machine is set within a movement, in real processes: no verdict is lost, doubled or turned.
-
-Observers and listener are on other machines. The rules alone: tests/fusion/test_set_clock.py.
-"""
+Observers and listener are on other machines. The rules alone: tests/fusion/test_set_clock.py."""
 
 import signal
 from itertools import accumulate

@@ -1,8 +1,6 @@
 """Storms of kills and freezes: no verdict is wrong or doubled, each ends, and none is lost that anybody could hear.
-
 LABANMESH_STORM_S seconds each, 60 by default; LABANMESH_STORMS: how many seeds from LABANMESH_ATTACKS_SEED on.
-LABANMESH_STORM_SCENES: 1, or 1,20 for both; LABANMESH_STORM_MESHES: plain, or plain,secured.
-"""
+LABANMESH_STORM_SCENES: 1, or 1,20 for both; LABANMESH_STORM_MESHES: plain, or plain,secured."""
 
 import json
 import os

@@ -1,10 +1,7 @@
 """Makes the pictures of docs/guide anew: `make guide-pictures`, or `python tests/browser/guide_pictures.py FOLDER`.
-
 Real processes before a real browser: the demo's scene with its synthetic performer for the dashboard, and a lesson with
-the same performer for the Teach page. The page of a phone that is a camera shows a drawn person, and the
-README's stories a played scene. With --dark the Teach
-page is drawn in dark colours, to be looked at.
-"""
+the same performer for the Teach page. The page of a phone that is a camera shows a drawn person, and the README's
+stories a played scene. With --dark the Teach page is drawn in dark colours, to be looked at."""
 
 import os
 import random

@@ -40,10 +40,8 @@ def drawn_model(rows, busy_ms=0):
 
 
 def open_phone(browser, words, rows=None, refusal="", busy_ms=0, **look):
-    """The page, which sees the drawn person, or the landmarks `rows`, and gets these words of its server.
-
-    refusal: with what the server ends the connection instead. busy_ms: how long the model needs for a picture.
-    """
+    """The page, which sees the drawn person, or the landmarks `rows`, and gets these words of its server. refusal: with
+    what the server ends the connection instead. busy_ms: how long the model needs for a picture."""
     files = {"vision_bundle.mjs": drawn_model(landmarks() if rows is None else rows, busy_ms)}
     pages = StaticPages(files, b"", {"scene": "dojo", "fingerprint": ""})
     page = browser.new_page(**look, bypass_csp=True, ignore_https_errors=True)

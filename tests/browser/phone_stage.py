@@ -94,10 +94,8 @@ def performer():
 
 
 class PhoneScene:
-    """A scene whose one observer sees through a phone: its processes, and what they publish. A context manager.
-
-    labels: the movements that it knows at the beginning. is_secured: over a router, each process with a certificate.
-    """
+    """A scene whose one observer sees through a phone: its processes, and what they publish. A context manager. labels:
+    the movements that it knows at the beginning. is_secured: over a router, each process with a certificate."""
 
     def __init__(self, folder, labels=LABELS, is_secured=False):
         self.file, self._folder, self._is_secured = folder / "scene.toml", folder, is_secured

@@ -1,8 +1,6 @@
-"""A scene that is taught: real processes, and a recorded person before two cameras who does what the lesson asks.
-
-The person looks at the lesson as a second phone would, and performs when it says "now": recordings of MSR Action3D, as
-seen from two places, where LABANMESH_DATA names them, else the synthetic performer.
-"""
+"""A scene that is taught: real processes, and a recorded person before two cameras who does what the lesson asks. The
+person looks at the lesson as a second phone would, and performs when it says "now": recordings of MSR Action3D, as seen
+from two places, where LABANMESH_DATA names them, else the synthetic performer."""
 
 import json
 import os
@@ -113,10 +111,8 @@ class Performer:
 
 
 class TaughtScene:
-    """Fusion, observers that wait to be taught, and a dashboard with a Teach page; a context manager.
-
-    observers: their sections in the scene file; by default two that a performer stands before.
-    """
+    """Fusion, observers that wait to be taught, and a dashboard with a Teach page; a context manager. observers: their
+    sections in the scene file; by default two that a performer stands before."""
 
     def __init__(self, folder, observers=FED):
         self.folder, self.file, self._processes, self._observers = folder, folder / "home.toml", [], observers

@@ -1,7 +1,5 @@
 """Live pictures on the page: a real observer process with a real tracker films a person, or noise where there is none.
-
-The pictures appear only of an observer that the scene file switches on, and only after a click.
-"""
+The pictures appear only of an observer that the scene file switches on, and only after a click."""
 
 import os
 import subprocess

@@ -54,10 +54,8 @@ def timed(observer, inputs):
 
 
 def votes_of(name, scene, begin_s, end_s):
-    """(seconds, vote) of that observer in each judgement, and the seconds in which it saw a part of the body.
-
-    From begin_s to end_s its pictures show a box.
-    """
+    """(seconds, vote) of that observer in each judgement, and the seconds in which it saw a part of the body. From
+    begin_s to end_s its pictures show a box."""
     watching = {}
     for observer in scene.roster:
         model = read_model(scene.model_file(observer))

@@ -1,7 +1,5 @@
 """What the fault suite shares: a performance with its models, two hosts, and how long to make processes suffer.
-
-LABANMESH_FAULTS=long is the long form (`make faults`): a hundred kills instead of five, all ways of pulling a cable.
-"""
+LABANMESH_FAULTS=long is the long form (`make faults`): a hundred kills instead of five, all ways of pulling a cable."""
 
 import os
 import shutil

@@ -1,8 +1,6 @@
 """A day of traffic in minutes: four observers and a fusion service, each with a Zenoh session, and a clock that is set.
-
 Frame by frame the clock advances, all observers publish, and their judgement is awaited: nothing is left out, however
-fast the machine is, and every age, hold and timeout is that of the day.
-"""
+fast the machine is, and every age, hold and timeout is that of the day."""
 
 import gc
 import threading

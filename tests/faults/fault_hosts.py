@@ -1,8 +1,6 @@
-"""Two hosts on one machine: network namespaces joined by a cable (veth) that can be pulled or made lossy.
-
-Only root can make them; `why_not` gives the reason. Names contain this process's id, so that test processes do not
-collide; what a killed test process left behind is removed by the next one.
-"""
+"""Two hosts on one machine: network namespaces joined by a cable (veth) that can be pulled or made lossy. Only root can
+make them; `why_not` gives the reason. Names contain this process's id, so that test processes do not collide; what a
+killed test process left behind is removed by the next one."""
 
 import itertools
 import os

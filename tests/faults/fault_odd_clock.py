@@ -1,9 +1,7 @@
-"""Runs a verb of labanmesh on a machine whose clock is wrong, or is set while it runs. Run as a process.
-
-python fault_odd_clock.py SECONDS[,SECONDS...] VERB ...: every look at the time of day in this process is SECONDS ahead
+"""Runs a verb of labanmesh on a machine whose clock is wrong, or is set while it runs. Run as a process. python
+fault_odd_clock.py SECONDS[,SECONDS...] VERB ...: every look at the time of day in this process is SECONDS ahead
 (behind, if negative); each SIGUSR1 sets it to the next of them. Monotonic clocks stay as they are, as they do when
-somebody sets a clock.
-"""
+somebody sets a clock."""
 
 import signal
 import sys

@@ -1,11 +1,9 @@
 """Peers of a scene, run as processes: a hub that writes what it receives, and an observer whose clock stands still.
-
 python fault_peers.py witness SCENE.toml: each message as a line of JSON, {"kind", "arrived_ns", "message"}; the first
 line shows that it listens. Of a folder of scene files all; of judgements in scenes after the first only some fields.
 python fault_peers.py echo SCENE.toml OF ID: publishes as ID what the observer OF publishes, always with the same time.
 python fault_peers.py film SCENE.toml KEY FILM.npz: the tracks of a film, again and again, as another program's tracks
-under KEY. All end on SIGTERM.
-"""
+under KEY. All end on SIGTERM."""
 
 import itertools
 import json

@@ -1,7 +1,6 @@
 """Two SIMULATED people in one scene, whose movements are known to the frame, and who sees them. Run as a process.
-
-python fault_people.py SCENE.toml OBSERVER [LIE]: publishes what the observer sees of both, or one of LIES in its place.
-"""
+python fault_people.py SCENE.toml OBSERVER [LIE]: publishes what the observer sees of both, or one of LIES in its
+place."""
 
 import itertools
 import random

@@ -24,9 +24,7 @@ def performed(person, from_ns, until_ns):
 
 class PeopleStage(ProcessStage):
     """A router, two fusion services, a hub, three observers and a witness; a context manager that ends them all.
-
-    secured: with certificates. lie: what the last observer does.
-    """
+    secured: with certificates. lie: what the last observer does."""
 
     def __init__(self, folder, *, secured=False, lie=None, extra=""):
         super().__init__(folder, secured)

@@ -1,6 +1,5 @@
 """A TCP relay on the loopback that delays everything, as a long line between two machines does, and that can be cut, or
-swallow what is sent until it passes on again, late, as TCP does after packets were lost.
-"""
+swallow what is sent until it passes on again, late, as TCP does after packets were lost."""
 
 import socket
 import threading

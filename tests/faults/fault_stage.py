@@ -1,8 +1,6 @@
-"""A scene to be made to fail: a known performance that loops, real processes, and a witness that records messages.
-
-The performance is the synthetic performer's, so that what was done, and when, is known to the frame; observers see it
-through the `projected` tracker, which needs no picture.
-"""
+"""A scene to be made to fail: a known performance that loops, real processes, and a witness that records messages. The
+performance is the synthetic performer's, so that what was done, and when, is known to the frame; observers see it
+through the `projected` tracker, which needs no picture."""
 
 import io
 import json
@@ -92,11 +90,9 @@ SCENE = "dojo"
 
 
 class Witness:
-    """A hub process; what it received, in order: lists of messages with `arrived_ns`.
-
-    others: by name of a further scene of a folder, its judgements and verdicts, by kind. watches: it is `labanmesh
-    watch`, which asks for the verdicts that it has missed; else a bare peer, which receives only what is published.
-    """
+    """A hub process; what it received, in order: lists of messages with `arrived_ns`. others: by name of a further
+    scene of a folder, its judgements and verdicts, by kind. watches: it is `labanmesh watch`, which asks for the
+    verdicts that it has missed; else a bare peer, which receives only what is published."""
 
     def __init__(self, scene_file, inside=(), environment=None, watches=False):
         command = [sys.executable, str(HERE / "fault_peers.py"), "witness", str(scene_file)]
@@ -215,10 +211,8 @@ class ProcessStage:
 
 
 class Stage(ProcessStage):
-    """The processes of one scene with a performance.
-
-    inside: for each process name, what puts it into a host; where the router listens follows `address`.
-    """
+    """The processes of one scene with a performance. inside: for each process name, what puts it into a host; where the
+    router listens follows `address`."""
 
     def __init__(
         self, replay, folder, *, fusions=("fusion",), address="127.0.0.1", inside=None, extra="",
@@ -262,9 +256,7 @@ class Stage(ProcessStage):
 
     def with_clock(self, name, shift_s, *later_s):
         """Let a process that has not been started live by a clock that is `shift_s` ahead; each SIGUSR1 sets it anew.
-
-        later_s: how far it is ahead then, one after the other.
-        """
+        later_s: how far it is ahead then, one after the other."""
         self._shifts[name] = shift_s
         process = self.processes[name]
         where = process.command.index("labanmesh")
@@ -330,10 +322,8 @@ def tally(performed, verdicts):
 
 
 def judged(stage, witness, movements, since_ns=None, *, lossy=False):
-    """Asserts that the next so many movements, from now or `since_ns`, have one verdict each, with their label.
-
-    lossy: a movement in which fewer observers counted than must agree may also end undecided.
-    """
+    """Asserts that the next so many movements, from now or `since_ns`, have one verdict each, with their label. lossy:
+    a movement in which fewer observers counted than must agree may also end undecided."""
     since_ns = since_ns or time.time_ns()
     performed = stage.replay.performed(stage.start_ns, since_ns, since_ns + (movements + 4) * stage.replay.length_ns)
     performed = performed[:movements]

@@ -1,7 +1,5 @@
-"""A day of traffic: each verdict once, memory flat, no file descriptor more.
-
-LABANMESH_DAY_HOURS (24 for `make soak-day`) and LABANMESH_DAY_RATE_HZ say how long and how dense it is.
-"""
+"""A day of traffic: each verdict once, memory flat, no file descriptor more. LABANMESH_DAY_HOURS (24 for `make
+soak-day`) and LABANMESH_DAY_RATE_HZ say how long and how dense it is."""
 
 import os
 from statistics import median

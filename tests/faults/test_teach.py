@@ -1,6 +1,5 @@
 """`labanmesh teach` with real processes: on two hosts, secured, four observers learn and change together, and one is
-killed meanwhile; on one machine a wrong verdict is corrected, and a person is forgotten.
-"""
+killed meanwhile; on one machine a wrong verdict is corrected, and a person is forgotten."""
 
 import re
 import shutil

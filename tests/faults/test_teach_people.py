@@ -1,8 +1,6 @@
-"""A lesson with two people in view, real processes: two recorded people in one room, before two calibrated cameras.
-
-One does what the lesson asks; the other one goes on with movements of their own. Each camera sees another one of them
-first. After the first movement they change places. SIMULATED: room, cameras and walk; recorded: what both do.
-"""
+"""A lesson with two people in view, real processes: two recorded people in one room, before two calibrated cameras. One
+does what the lesson asks; the other one goes on with movements of their own. Each camera sees another one of them
+first. After the first movement they change places. SIMULATED: room, cameras and walk; recorded: what both do."""
 
 import json
 import re

@@ -1,7 +1,5 @@
-"""What is published of a step, in which order, and what a service that is killed between two puts has told the world.
-
-A judgement is small, and full votes are published while somebody wants them.
-"""
+"""What is published of a step, in which order, and what a service that is killed between two puts has told the world. A
+judgement is small, and full votes are published while somebody wants them."""
 
 import math
 from types import SimpleNamespace

@@ -1,7 +1,5 @@
-"""Mutated messages: flipped bits, maps with spoiled fields, and noise.
-
-Everything depends on the seed alone, so that a failure can be reproduced.
-"""
+"""Mutated messages: flipped bits, maps with spoiled fields, and noise. Everything depends on the seed alone, so that a
+failure can be reproduced."""
 
 import copy
 import math

@@ -1,7 +1,5 @@
-"""Random and mutated messages raise only BadMessage, change no judgement, and fill no memory.
-
-LABANMESH_FUZZ is the number of messages (`make fuzz`: a million), LABANMESH_FUZZ_SEED the seed.
-"""
+"""Random and mutated messages raise only BadMessage, change no judgement, and fill no memory. LABANMESH_FUZZ is the
+number of messages (`make fuzz`: a million), LABANMESH_FUZZ_SEED the seed."""
 
 import logging
 import math

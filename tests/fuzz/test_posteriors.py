@@ -1,7 +1,5 @@
-"""Posteriors are accepted and refused as a plain reading of docs/reference/wire.md does, field by field.
-
-LABANMESH_FUZZ and LABANMESH_FUZZ_SEED: as in test_fuzz.py.
-"""
+"""Posteriors are accepted and refused as a plain reading of docs/reference/wire.md does, field by field. LABANMESH_FUZZ
+and LABANMESH_FUZZ_SEED: as in test_fuzz.py."""
 
 import math
 import os

@@ -1,8 +1,7 @@
 """The rules of the supervisor for the files of an app, as of supervisor/apps/validate.py and options.py (May 2026).
-
 Written anew from home-assistant/supervisor (Apache-2.0), for the keys that our app uses. Stricter: unknown keys, which
-the supervisor drops in silence, are faults, and so are keys that repeat a default (as in frenck/action-addon-linter).
-"""
+the supervisor drops in silence, are faults, and so are keys that repeat a default (as in
+frenck/action-addon-linter)."""
 
 import re
 from typing import Annotated, Literal

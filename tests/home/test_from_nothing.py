@@ -1,8 +1,6 @@
-"""From nothing to a lamp, with real processes: up, teach, hub, mosquitto, Home Assistant. The person is SYNTHETIC.
-
-It plays a person who does what `labanmesh teach` asks for, as tracks of one camera, and prints how long each step took:
-the times in docs/guide/home.md. LABANMESH_MINUTES is how much ordinary life it is shown.
-"""
+"""From nothing to a lamp, with real processes: up, teach, hub, mosquitto, Home Assistant. The person is SYNTHETIC. It
+plays a person who does what `labanmesh teach` asks for, as tracks of one camera, and prints how long each step took:
+the times in docs/guide/home.md. LABANMESH_MINUTES is how much ordinary life it is shown."""
 
 import json
 import os

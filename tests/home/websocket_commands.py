@@ -1,7 +1,5 @@
-"""Commands to Home Assistant's websocket, as its pages send them; run by the Python that has Home Assistant.
-
-Arguments: URL and token. Standard input: a JSON list of commands; standard output: the list of their results.
-"""
+"""Commands to Home Assistant's websocket, as its pages send them; run by the Python that has Home Assistant. Arguments:
+URL and token. Standard input: a JSON list of commands; standard output: the list of their results."""
 
 import asyncio
 import json

@@ -99,10 +99,8 @@ def fusion():
 
 
 class FakeLink:
-    """A link whose inboxes the test fills by `put`. answers: (key, payload) pairs that answer queries.
-
-    meanwhile: what arrives in the inboxes while a query waits.
-    """
+    """A link whose inboxes the test fills by `put`. answers: (key, payload) pairs that answer queries. meanwhile: what
+    arrives in the inboxes while a query waits."""
 
     def __init__(self, answers=(), meanwhile=()):
         self.answers, self.meanwhile = answers, list(meanwhile)

@@ -67,11 +67,9 @@ def environment(**more):
 
 
 class PlayedScene:
-    """Publishes a judgement ten times a second, and verdicts on request; a context manager.
-
-    silent: observers without a vote. how: further fields of each judgement and verdict. doubts: at rest no movement is
-    probable. session: of the fusion service, by which hubs know its falls.
-    """
+    """Publishes a judgement ten times a second, and verdicts on request; a context manager. silent: observers without a
+    vote. how: further fields of each judgement and verdict. doubts: at rest no movement is probable. session: of the
+    fusion service, by which hubs know its falls."""
 
     def __init__(self, name="room", observers=("cam1", "cam2"), link=None, step_s=0.1, session=None):
         self.name, self.observers, self.keys = name, observers, SceneKeys(name)

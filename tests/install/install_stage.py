@@ -38,11 +38,8 @@ STUB_BROKER = '[hub.mqtt]\nhost = "127.0.0.1"\nport = 9\n'
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """The smallest job of a verb. line: what its output must hold; ended: send SIGTERM then.
-
-    needs: the extras, which commas separate, without which the job ends with one line that names one. status: of the
-    job where it has all.
-    """
+    """The smallest job of a verb. line: what its output must hold; ended: send SIGTERM then. needs: the extras, which
+    commas separate, without which the job ends with one line that names one. status: of the job where it has all."""
 
     name: str
     words: str

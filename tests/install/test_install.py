@@ -1,7 +1,5 @@
-"""The wheel with each extra alone, and with those of `make install`: every verb works, or names the extra it lacks.
-
-Not part of `make test`: it fetches packages. `make test-install`; `-k with_plain` for one environment.
-"""
+"""The wheel with each extra alone, and with those of `make install`: every verb works, or names the extra it lacks. Not
+part of `make test`: it fetches packages. `make test-install`; `-k with_plain` for one environment."""
 
 import re
 import shutil

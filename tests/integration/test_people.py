@@ -29,10 +29,8 @@ def scene(tmp_path):
 
 
 class Room:
-    """Observers that see people, and a hub. people: by a name of the test's, where each is and what each does.
-
-    plain: what an observer without a place publishes, by its id, in place of the people.
-    """
+    """Observers that see people, and a hub. people: by a name of the test's, where each is and what each does. plain:
+    what an observer without a place publishes, by its id, in place of the people."""
 
     def __init__(self, mesh, scene):
         self.mesh, self.scene, self.keys = mesh, scene, scene.keys

@@ -124,10 +124,8 @@ def bare_client(mesh):
 
 
 def admitted_session(mesh):
-    """A Zenoh session; None when it cannot be opened and a TLS handshake without Zenoh is refused too.
-
-    On a busy machine a session that is admitted needs longer than one try.
-    """
+    """A Zenoh session; None when it cannot be opened and a TLS handshake without Zenoh is refused too. On a busy
+    machine a session that is admitted needs longer than one try."""
     config, end_s = zenoh.Config(), time.monotonic() + SOON_S
     for key, value in settings(mesh, "observer", None, TRY_S).items():
         config.insert_json5(key, json.dumps(value))
@@ -152,9 +150,7 @@ class Attack:
 
 def refused_by(scene, mesh, attack, name, answer_s=0.3):
     """What refuses the attack: TLS, access rules, or nobody, when a hub receives it before a message sent later.
-
-    answer_s: how long the router may take to answer the attacker; one with access rules may never answer.
-    """
+    answer_s: how long the router may take to answer the attacker; one with access rules may never answer."""
     lie, truth = f"lie of {name}".encode(), f"truth after {name}".encode()
     with Link.open(mesh("hub.1"), "hub") as hub, Link.open(mesh("fusion.1"), "fusion") as fusion:
         inbox = hub.inbox(f"{scene.keys.root}/**")

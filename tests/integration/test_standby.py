@@ -32,10 +32,8 @@ def scene(tmp_path):
 
 
 class Stage:
-    """Fusion services that can be ended one by one, one observer, and a hub.
-
-    state: what the observer publishes, p and rest. same_ids: the services that ended because another has their id.
-    """
+    """Fusion services that can be ended one by one, one observer, and a hub. state: what the observer publishes, p and
+    rest. same_ids: the services that ended because another has their id."""
 
     def __init__(self, mesh, scene):
         self.mesh, self.scene, self.keys = mesh, scene, scene.keys
@@ -287,9 +285,7 @@ def test_of_two_processes_with_one_id_that_start_together_one_ends(stage, monkey
 @pytest.fixture
 def rival(stage):
     """Another fusion service, as it is heard when a split network is whole again; publishes a judgement repeatedly.
-
-    Returns what ends it.
-    """
+    Returns what ends it."""
     link = stage.mesh.peer("standby")
     link.announce(stage.keys.fusion_alive("b"))
     publisher = link.publisher(stage.keys.judgement)

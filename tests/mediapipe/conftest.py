@@ -22,10 +22,8 @@ NAMED_BY = "LABANMESH_POSE_MODEL"
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """truth: (F, 3, 2) px, head_to_hip: (F,) px, both from the joints; tracks: by the palm, then by the wrist.
-
-    joints: (F, 15, 2) px of all joints; whole: (F, 15, 2) px of the parts of WHOLE_BODY that were tracked.
-    """
+    """truth: (F, 3, 2) px, head_to_hip: (F,) px, both from the joints; tracks: by the palm, then by the wrist. joints:
+    (F, 15, 2) px of all joints; whole: (F, 15, 2) px of the parts of WHOLE_BODY that were tracked."""
 
     name: str
     label: str

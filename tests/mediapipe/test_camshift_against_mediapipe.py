@@ -1,7 +1,5 @@
-"""The camshift tracker on recorded people, with MediaPipe's wrists as the reference.
-
-The tracker was developed on these clips: the figures guard against regressions and do not predict other clips.
-"""
+"""The camshift tracker on recorded people, with MediaPipe's wrists as the reference. The tracker was developed on these
+clips: the figures guard against regressions and do not predict other clips."""
 
 from itertools import pairwise
 

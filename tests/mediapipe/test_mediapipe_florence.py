@@ -21,10 +21,8 @@ PERIOD_NS = SECOND_NS // 10
 
 
 def errors(clips, hand, lag=0):
-    """(F, 3) distances from the truth in head-to-hip lengths over all frames of all clips; infinite: not seen.
-
-    lag: frames by which the truth is later than the pictures.
-    """
+    """(F, 3) distances from the truth in head-to-hip lengths over all frames of all clips; infinite: not seen. lag:
+    frames by which the truth is later than the pictures."""
     rows = []
     for clip in clips:
         centres = np.array([tracks.centres for tracks in getattr(clip, hand)])[: len(clip.truth) - lag]

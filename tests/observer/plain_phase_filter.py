@@ -1,6 +1,5 @@
 """The Bayes filter over movement and phase, with rest before and after, written down plainly (docs/design/model.md):
-the oracle of `observer/filtering/chain_filter.py:ChainFilter`.
-"""
+the oracle of `observer/filtering/chain_filter.py:ChainFilter`."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,9 @@ NEGLIGIBLE = 1e-150
 
 
 class PhaseFilter:
-    """P(movement, phase | frames so far).
-
-    movement_of: (C,) the movement of each chain; phases: Φ of each; prior: (M,) P(M). With `onset_known` the movement
-    begins with the first frame; otherwise the person is at rest or, with the probability `under_way`, in any phase.
-    """
+    """P(movement, phase | frames so far). movement_of: (C,) the movement of each chain; phases: Φ of each; prior: (M,)
+    P(M). With `onset_known` the movement begins with the first frame; otherwise the person is at rest or, with the
+    probability `under_way`, in any phase."""
 
     def __init__(
         self, movement_of: NDArray[np.int64], phases: int, prior: Floats, dynamics: Dynamics, onset_known: bool
@@ -48,11 +45,9 @@ class PhaseFilter:
         return float(min(self._before + self._after.sum(), 1.0))
 
     def step(self, log_evidence: Floats, log_rest: float, log_after: Floats | None = None, still: float = 0.0) -> None:
-        """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest).
-
-        log_after: (M,) the same for the rest after each movement, if it differs from the rest before any movement.
-        still: P(the person is still).
-        """
+        """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest). log_after: (M,) the same
+        for the rest after each movement, if it differs from the rest before any movement. still: P(the person is
+        still)."""
         if self._begun:
             self._predict(self._dynamics.forget, self._dynamics.abandon * still)
         self._begun = True
@@ -60,10 +55,8 @@ class PhaseFilter:
 
     def step_blind(self) -> None:
         """One frame in which no part was seen: time passes, and the posterior moves towards the prior (section I).
-
         Every movement loses the same share, so that the entropy never falls; to forget only the movements that have
-        ended would be evidence for the others.
-        """
+        ended would be evidence for the others."""
         if self._begun:
             self._predict(forget=0.0, abandon=0.0)
         self._begun = True

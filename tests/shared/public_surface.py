@@ -1,8 +1,6 @@
 """The public surface, written down: every verb with its options, and the schemas of the messages and the scene file.
-
 `make surface` rewrites docs/reference/surface.txt, docs/reference/schema and the completion script. A test compares
-them with the code: no change of the surface goes unnoticed.
-"""
+them with the code: no change of the surface goes unnoticed."""
 
 import json
 import re

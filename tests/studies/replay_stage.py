@@ -66,10 +66,8 @@ def new_engine(scene, observers=OBSERVERS):
 
 
 def recorded(scene, played, engine=None, records=None, short=False):
-    """The records of a mesh on which an engine judges these posteriors.
-
-    short: judgements have short votes, and full ones under their own key; else full ones, as with `votes = "full"`.
-    """
+    """The records of a mesh on which an engine judges these posteriors. short: judgements have short votes, and full
+    ones under their own key; else full ones, as with `votes = "full"`."""
     engine = engine or new_engine(scene)
     if records is None:
         records = [CaptureRecord("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)]

@@ -61,10 +61,8 @@ def informed(information):
 
 
 def trusted(*courses, information=()):
-    """Each observer's trust after courses of rest, a step each: 0 moving, 1 resting, - sees nobody.
-
-    information: of the first observers in each step, 0 to 9.
-    """
+    """Each observer's trust after courses of rest, a step each: 0 moving, 1 resting, - sees nobody. information: of the
+    first observers in each step, 0 to 9."""
     trust, result = RestPool(), []
     for step, sides in enumerate(zip(*courses, strict=True)):
         known = [int(course[step]) / 9 for course in information] + [0.0] * len(sides)

@@ -13,10 +13,8 @@ PERIODIC = Vocabulary(VOCABULARY.labels, "karate", TIMES)
 
 
 def performed(rest_s, at_rest, times=6, rate_hz=30, vocabulary=VOCABULARY, label="bow", **config):
-    """The verdicts on movements of 0.6 s that four unanimous observers see, `rest_s` apart.
-
-    at_rest: what they believe of the movement at rest.
-    """
+    """The verdicts on movements of 0.6 s that four unanimous observers see, `rest_s` apart. at_rest: what they believe
+    of the movement at rest."""
     scene = EngineDriver(quorum=2, threshold=0.6, hold_s=0.1, **config)
     if vocabulary is not VOCABULARY:
         scene.engine.change_vocabulary(vocabulary, scene.now_ns)

@@ -25,10 +25,8 @@ def write_video(path, count=12, rate_hz=25.0, size_px=(64, 48)):
 
 
 class FrameReader:
-    """Takes frames as an observer does; frames and reports can be waited for.
-
-    open_source: makes the source, from the function that gets its reports.
-    """
+    """Takes frames as an observer does; frames and reports can be waited for. open_source: makes the source, from the
+    function that gets its reports."""
 
     def __init__(self, open_source):
         self.reports, self.frames, self.stop = queue.Queue(), queue.Queue(), threading.Event()

@@ -1,7 +1,5 @@
-"""The segment since the begin of a movement: known after rest, unknown once another motion follows the movement.
-
-And what was believed before it, which stands in rest as far as the segment is no movement.
-"""
+"""The segment since the begin of a movement: known after rest, unknown once another motion follows the movement. And
+what was believed before it, which stands in rest as far as the segment is no movement."""
 
 import numpy as np
 import pytest

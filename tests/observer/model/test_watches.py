@@ -1,7 +1,5 @@
-"""The posterior of the stacked model is its stacker's, from what its members say in each frame.
-
-Motion too small for any learned movement is something else: standing, trembling, shifting one's weight.
-"""
+"""The posterior of the stacked model is its stacker's, from what its members say in each frame. Motion too small for
+any learned movement is something else: standing, trembling, shifting one's weight."""
 
 from types import SimpleNamespace
 

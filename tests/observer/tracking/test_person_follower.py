@@ -40,10 +40,8 @@ class Walker:
 
 
 class World:
-    """A `PersonModel`: a detector with the range of MediaPipe's, and landmarks that name the walker they are of.
-
-    Where two walkers overlap, it finds one and takes that one for either, the later one in the list.
-    """
+    """A `PersonModel`: a detector with the range of MediaPipe's, and landmarks that name the walker they are of. Where
+    two walkers overlap, it finds one and takes that one for either, the later one in the list."""
 
     def __init__(self, *walkers):
         self.walkers, self.finds, self.poses = walkers, [], 0
