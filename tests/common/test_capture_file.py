@@ -123,21 +123,6 @@ def test_any_mcap_reader_can_read_a_capture(tmp_path):
         assert [each.data.decode() for each in reader.iter_attachments()] == [TEXT]
 
 
-@pytest.mark.parametrize(
-    ("name", "kind", "line"),
-    [
-        ("a.bag", BadInput, r"a\.bag: .*ends in \.mcap"),
-        ("mine.mcap", BadInput, "exists, and captures are not overwritten"),
-        ("nowhere/a.mcap", LabanmeshError, "cannot write .*no such file or directory; choose another path"),
-    ],
-)
-def test_errors_of_writing_name_the_file_and_the_way_out(tmp_path, name, kind, line):
-    (tmp_path / "mine.mcap").write_text("mine")
-    with pytest.raises(kind, match=line) as caught:
-        CaptureWriter(tmp_path / name, SCENE, TEXT, 5)
-    assert type(caught.value) is kind and (tmp_path / "mine.mcap").read_text() == "mine"
-
-
 def test_errors_of_reading_name_the_reason(tmp_path, monkeypatch):
     def fault(name, content=None):
         if content is not None:

@@ -33,17 +33,6 @@ def test_the_matching_is_that_of_the_hungarian_method(table, rows, columns, alon
     assert total == pytest.approx(kept + alone * (rows - len(matching)))
 
 
-@given(costs, st.integers(1, 4), st.integers(1, 4), st.floats(0, 9))
-def test_no_other_matching_costs_less(table, rows, columns, alone):
-    table = table[:rows, :columns]
-    totals = []
-    for choice in itertools.product([None, *range(columns)], repeat=rows):
-        used = [column for column in choice if column is not None]
-        if len(set(used)) == len(used):
-            totals.append(sum(alone if c is None else table[r, c] for r, c in enumerate(choice)))
-    assert best_matching(table.tolist(), alone)[0] == pytest.approx(min(totals))
-
-
 class Room:
     """Cameras that see people at given places; a track's id is the camera's own."""
 

@@ -51,25 +51,6 @@ class Postures:
             self.publishers[name].put(posture(p))
 
 
-def test_a_hub_learns_that_somebody_has_fallen_and_got_up(mesh, scene):
-    with SceneListener(scene, mesh.meeting, lambda update: None) as listener:
-        mesh.run(serve, [scene], "fusion", mesh.peer("standby"))
-        postures = Postures(mesh, scene)
-
-        def stage(wanted, **lying):
-            postures.show(**lying)
-            return listener.state.fall is not None and listener.state.fall.stage == wanted
-
-        until(lambda: stage("up", cam1=0.0, cam2=0.0))
-        until(lambda: stage("low", cam1=0.9, cam2=0.9))
-        until(lambda: stage("fallen", cam1=0.9, cam2=0.9))
-        fallen = listener.state.fall
-        assert (fallen.agreement.k, fallen.agreement.n) == (2, 2) and fallen.id and fallen.fusion == "fusion"
-        assert fallen.observers == {"cam1": 0.9, "cam2": 0.9} and fallen.lying == 0.9
-        until(lambda: stage("up", cam1=0.0, cam2=0.0))
-        assert listener.state.fall.id == fallen.id
-
-
 def test_a_late_hub_knows_the_stage_and_a_forged_posture_changes_nothing(mesh, scene):
     mesh.run(serve, [scene], "fusion", mesh.meeting)
     postures = Postures(mesh, scene)

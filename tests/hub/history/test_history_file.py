@@ -6,11 +6,8 @@ import signal
 import sqlite3
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from played_scene import fall_of
 
 from benchmarks.history import WRITER
@@ -71,33 +68,6 @@ def test_a_fall_is_kept_from_the_alarm_on_and_ends_when_the_person_is_up(path):
         file.add(row_of(fall_of("up", id="fall-2")))
         assert file.rows == 1, "whoever lay for a moment has not fallen"
         assert "up again after 9.0 s" in row_line(kept)[1]
-
-
-@given(st.lists(st.tuples(st.integers(0, 5), st.sampled_from("ab"), st.integers(0, 9)), max_size=30), st.data())
-def test_filters_find_what_a_loop_finds(events, data):
-    with HistoryFile(None, sqlite3.connect(":memory:", isolation_level=None)) as file:
-        from hub.history.history_file import HISTORY_SCHEMA
-
-        for statement in HISTORY_SCHEMA:
-            file._connection.execute(statement)
-        expected = {}
-        for number, label, second in events:
-            each = row(number, label, NOON + second * SECOND_NS)
-            file.add(each)
-            before = expected.get(number)
-            if before is None or each.at_ns >= before.at_ns:
-                began = before.began_ns if before else each.began_ns
-                expected[number] = replace(each, began_ns=began)
-        label, begin = data.draw(st.sampled_from(["", "a", "b"])), data.draw(st.integers(0, 9))
-        query = HistoryQuery("", label, NOON + (begin - 1) * SECOND_NS, NOON + 8 * SECOND_NS)
-        wanted = {
-            each.id
-            for each in expected.values()
-            if label in ("", each.label) and query.from_ns <= each.began_ns < query.until_ns
-        }
-        found = file.select(query)
-        assert {each.id for each in found} == wanted
-        assert [each.began_ns for each in found] == sorted((each.began_ns for each in found), reverse=True)
 
 
 def test_what_is_old_or_too_much_is_deleted_and_leaves_nothing(path):

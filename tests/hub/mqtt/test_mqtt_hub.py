@@ -73,22 +73,6 @@ def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
         assert set(empty.last) == {"mark"}
 
 
-def test_a_revision_corrects_a_movement_and_begins_none(room, hub, listener):
-    hub(movements=["ok", "nthrow"]).connected()
-    room.wait_for_hub()
-    room.publish_verdict("ok", 1)
-    listener.wait_for_state(f"{T}/movement/ok", "ON")
-    room.publish_verdict("nthrow", 1, stage="revised", revises="ok")
-    listener.wait_for_state(f"{T}/movement/nthrow", "ON")
-    listener.wait_for_state(f"{T}/movement/ok", "OFF")
-    listener.wait_for(lambda: json.loads(listener.last[f"{T}/state"])["revises"] == "ok")
-    room.publish_verdict("nthrow", 1, ended=True, revises="ok")
-    listener.wait_for(lambda: f"{T}/ended" in listener.last)
-    words = [(each["id"], each["stage"], each["event_type"]) for each in listener.events(f"{T}/verdict")]
-    assert words == [("room-1", "decided", "ok"), ("room-1", "revised", "nthrow")]
-    assert [(each["event_type"], each["revises"]) for each in listener.events(f"{T}/ended")] == [("nthrow", "ok")]
-
-
 def test_a_killed_hub_is_offline_and_the_next_publishes_what_it_missed_once(room, hub, listener):
     first = hub().connected()
     room.wait_for_hub()

@@ -116,16 +116,6 @@ def test_a_code_is_shown_until_it_is_used(tmp_path):
     assert codes.link("phone1") not in (None, link)
 
 
-def test_who_scanned_a_code_just_before_it_was_renewed_is_admitted(tmp_path, monkeypatch):
-    file = RegisterFile(tmp_path / "dojo.phones.json")
-    codes = ShownCodes(file, ("phone1",), "https://192.168.1.20:8443/")
-    scanned = codes.link("phone1")
-    monkeypatch.setattr("hub.phone.code_page.RENEW_SHARE", 2)
-    assert codes.link("phone1") != scanned
-    file.join(scanned.partition("#")[2], "Android Chrome")
-    assert codes.link("phone1") is None
-
-
 @pytest.mark.parametrize("host", ["evil.example:8444", "", "192.168.1.20:8444"])
 def test_the_codes_are_shown_under_this_machines_own_names_alone(tmp_path, host):
     codes = ShownCodes(RegisterFile(tmp_path / "p.json"), ("phone1",), "https://sofa:8443/")

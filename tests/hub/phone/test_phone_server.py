@@ -210,17 +210,6 @@ def test_bad_messages_end_the_connection(running, message):
     assert closed.value.rcvd.code in (BROKEN, 1009) and not running.lines
 
 
-def test_old_and_replayed_times_go_no_further(running):
-    with running.joined() as phone:
-        at_ms = phone.track()
-        for each in (at_ms, at_ms - 1, 0, 4e12):
-            phone.send(tracks={"at_ms": each, "parts": {"head": None}})
-            phone.until("taken")
-        until(lambda: len(running.lines) == 2)
-    times = [json.loads(line)["captured_ns"] for _, line in running.lines]
-    assert times == sorted(times) and times[-1] <= time.time_ns()
-
-
 def test_the_page_is_shown_what_is_new(running):
     with running.joined() as phone:
         running.show(verdict={"label": "wave"})

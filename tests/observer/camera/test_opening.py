@@ -59,17 +59,6 @@ def test_a_video_is_played_whole_at_its_own_rate_and_speed_from_a_common_start(v
     assert frames[0].content.shape == (48, 64, 3) and frames[0].content.dtype == np.uint8
 
 
-def test_a_film_does_not_wait_for_an_observer_that_is_too_slow(video):
-    """25 Hz, and 0.2 s for each picture: one of five is looked at; the last one always, as a movement ends with it."""
-    clock, frames = WaitingClock(), []
-    for frame in played(open_pictures("clip.avi", video.parent), clock).frames(clock):
-        frames.append(frame)
-        assert clock.now_ns - frame.captured_ns <= SECOND_NS // 25 or frame.last
-        clock.now_ns += SECOND_NS // 5
-    assert numbers(frames) == [0, 5, 10, 11] and frames[-1].last
-    assert captured_s(frames) == pytest.approx([n / 25 for n in numbers(frames)]), "each has its own time"
-
-
 def test_the_last_picture_of_a_film_is_found_again_if_it_was_skipped_before_the_end_was_known(video):
     every = list(Video.open(video).pictures())
     (only,) = Video.open(video).played(lambda number: True)
