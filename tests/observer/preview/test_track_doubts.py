@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from common import SECOND_NS
-from observer.preview.track_doubts import FINDINGS, confirmed_faces, doubts, explain
+from observer.preview.track_doubts import (
+    CAMSHIFT_REMEDIES,
+    FINDINGS,
+    POSE_REMEDIES,
+    confirmed_faces,
+    doubts,
+    explain,
+)
 from observer.tracks import BODY_PARTS
 
 PARTS = (*BODY_PARTS, "pelvis")
@@ -54,9 +61,10 @@ def test_each_fault_is_named_with_its_share_and_a_remedy(kind, parts):
     found = doubts(spoilt(kind)[:, : len(parts)], parts, AT_NS, FACES)
     assert kind in [doubt.kind for doubt in found]
     for doubt in found:
-        for tracker in ("camshift", "mediapipe"):
+        for tracker, remedies in (("camshift", CAMSHIFT_REMEDIES), ("mediapipe", POSE_REMEDIES)):
             finding, _, remedy = explain(doubt, tracker).partition(": ")
-            assert " %" in finding and remedy and "{" not in finding
+            assert f" {100 * doubt.count / doubt.pictures:.0f} %" in finding and "{" not in finding
+            assert remedy == remedies[doubt.kind]
 
 
 def test_a_face_counts_when_it_is_found_twice_in_one_place():
