@@ -10,7 +10,6 @@ import os
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import cached_property
 from pathlib import Path
 from typing import Self, TypeVar, get_args
 
@@ -148,11 +147,6 @@ class CaptureFile:
                     raise LabanmeshError(f"{self.path}: damaged: a message from after the year 2262; capture again")
                 kind, key = channels[entry.channel_id]
                 yield CaptureRecord(kind, key, entry.data, entry.log_time)
-
-    @cached_property
-    def began_ns(self) -> int:
-        """When the first record arrived; 0 in a capture without records."""
-        return next((record.arrived_ns for record in self.records()), 0)
 
     def _entries(self) -> Iterator[McapRecord]:
         with _open(self.path) as stream:

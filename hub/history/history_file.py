@@ -130,13 +130,6 @@ class HistoryFile:
             count: int = self._connection.execute("SELECT count(*) FROM events").fetchone()[0]
             return count
 
-    @property
-    def newest_ns(self) -> int:
-        """The time of the newest word; 0 for an empty file."""
-        with faults_of(self.path):
-            newest: int | None = self._connection.execute("SELECT max(at_ns) FROM events").fetchone()[0]
-            return newest or 0
-
     def select(self, query: HistoryQuery) -> Sequence[HistoryRow]:
         """The rows that fit, the newest first; raises DatabaseFault."""
         with faults_of(self.path):

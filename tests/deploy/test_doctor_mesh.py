@@ -18,6 +18,7 @@ from common.messages import (
     PosteriorMessage,
     StatusMessage,
     VocabularyReference,
+    Vote,
 )
 from common.vocabulary import Vocabulary
 from common.wire import SIZE_LIMIT, encode
@@ -52,7 +53,7 @@ def posterior(observer, seq=0, session="s", vocabulary=NAMES):
 def judgement(fusion="fusion", seq=0, **more):
     message = JudgementMessage(
         scene="dojo", fusion=fusion, seq=seq, at_ns=NOON, vocabulary=reference(), p=[0.5, 0.5], label="bowing",
-        certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0), **more,
+        certainty_bits=1.0, rule="log", agreement=Agreement(k=0, n=0), **{"votes": {}, **more},
     )  # fmt: skip
     return KEYS.judgement, encode(message)
 
@@ -63,6 +64,11 @@ def status(name, state="running", at_ns=NOON, frame_ns=NOON, version=HERE, **mor
         scene="dojo", id=name, state=state, rate_hz=15.0, last_frame_ns=frame_ns, version=version, at_ns=at_ns, **more
     )
     return key, encode(message)
+
+
+def doubted(name, **reliability):
+    """A judgement on a vote that is hardly relied on."""
+    return judgement(votes={name: Vote(label=None, entropy=None, weight=0, age_s=0, state="counted", **reliability)})
 
 
 def statistics(**observers):
@@ -143,6 +149,10 @@ CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
          ["cam2: 4 messages rejected: repeated"]),
         ({FUSION: [status("fusion", **statistics(cam2={"rejected": {"same_id": 4}}))]}, {}, "warning",
          ["two processes published as cam2: 4 messages rejected", "stop one of them"]),
+        ({FUSION: [status("fusion", **statistics(cam2={}))], "x": [doubted("cam2", label_reliability=0.1)]}, {},
+         "warning", ["cam2: the others contradict it in most verdicts", "labanmesh camera look"]),
+        ({FUSION: [status("fusion", **statistics(cam2={}))], "x": [doubted("cam2", rest_reliability=0.1)]}, {},
+         "warning", ["cam2: its rest contradicts the others (10% trusted)", "stand still or tremble"]),
         ({FUSION: [status("fusion", reason="another process has this id")]}, {}, "error",
          ["fusion: another process has this id", "fuse --id"]),
         ({FUSION: [status("fusion", **statistics(cam2={"rejected": {"never_heard_of": 1}}))]}, {}, "warning",

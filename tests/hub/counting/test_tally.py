@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 import labanmesh
-from hub.counting.commands import picture, show_counts
+from hub.counting.commands import BELL, picture, show_counts, show_large
 from hub.counting.tally import MovementTally, RepetitionTally, tally_words
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate
@@ -86,6 +86,14 @@ def test_lines_and_json(make, tally, capsys):
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [row["kind"] for row in rows] == ["count", "count", "count", "target"]
     assert rows[-1]["count"] == 3 and rows[-1]["partial"] == 2 and rows[-1]["sets"] == 1
+
+
+def test_on_a_terminal_the_bell_rings_at_the_target_and_the_count_stays_as_a_line(make, tally, capsys):
+    console = Console(width=40, height=12, force_terminal=True, file=io.StringIO())
+    state = SceneState("room").fold(make.vocabulary(), make.NOON)
+    show_large((SceneUpdate(state, live(make, done)) for done in (1, 2, 2, 3, 4)), tally, console)
+    assert console.file.getvalue().count(BELL) == 1 and "1 of 3" in console.file.getvalue()
+    assert capsys.readouterr().out == "ok: 1 of 3, set 2\n"
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (20, 6), (200, 60)])
