@@ -108,7 +108,7 @@ class StackedWatch(Watch):
         elif self._phase is None or number > self._followed:
             if number > 0:
                 self._before.begin(self._judged)
-            self._followed = number
+            self._followed, self._judged_over = number, False
             self._phase = self._model.phase.watch(Onset(known=True))
             for features, still in list(self._recent)[-begun:]:
                 self._phase.step(features, still)

@@ -88,6 +88,18 @@ def test_in_the_rest_after_a_movement_its_segment_is_not_judged_again(people, mo
     np.testing.assert_allclose(at_rest[-1][1], np.maximum(anew, LOWEST), atol=1e-5)
 
 
+def test_a_movement_that_begins_and_ends_between_two_judgements_is_judged_by_its_own_segment(people, model):
+    first, second = (list(tracks_of(people, number)) for number in (0, 1))
+    watch, judged = model.watch(Onset()), []
+    for watched, see in ((first[:1] * 20 + first, watch.update), (second, watch.pass_over)):
+        for each in watched + watched[-1:] * 20:
+            see(each)
+        watch.classify()
+        assert watch.instant.context[1] and not watch.instant.context[3], "over, its begin known"
+        judged.append(watch.instant.members[2:4])
+    assert not np.array_equal(*judged)
+
+
 @pytest.mark.parametrize("trembling", [0.01, 0.03])
 def test_trembling_in_the_rest_after_a_movement_leaves_the_belief(people, model, trembling):
     """A frame or two of it look like the begin of the next movement."""
