@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from common.message_types import MovementTimes
+from common.message_types import TEXT_LIMIT, MovementTimes
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
 from observer.geometry.placement import PersonPlacement, placement_of, unlike
@@ -27,8 +27,6 @@ from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ
 from observer.score.reference_arrays import references_as_arrays, references_from_arrays
 
 MODEL_FORMAT = 1
-REASON_LENGTH = 200
-"""Characters of a reason: a file may contain anything."""
 
 
 def write_model(path: Path, model: MovementModel) -> None:
@@ -56,8 +54,8 @@ def read_model(path: Path) -> MovementModel:
     except KeyError as error:
         reason = f"of another version of labanmesh, or damaged: it lacks {error}"
     except (TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        reason = f"damaged model file ({' '.join(f'{type(error).__name__}: {error}'.split())[:REASON_LENGTH]})"
-    raise BadInput(f"{path}: {reason}"[: 2 * REASON_LENGTH] + f"; {_learn_again(path, header)}")
+        reason = f"damaged model file ({' '.join(f'{type(error).__name__}: {error}'.split())[:TEXT_LIMIT]})"
+    raise BadInput(f"{path}: {reason}"[: 2 * TEXT_LIMIT] + f"; {_learn_again(path, header)}")
 
 
 def _learn_again(path: Path, header: str) -> str:
@@ -67,7 +65,7 @@ def _learn_again(path: Path, header: str) -> str:
         view, archive = str(document["view"]), str(document["provenance"]["archive"])
         seen_from = "" if view.partition(":")[0] == THIS_CAMERA else f" --view {view}"
         command = f"labanmesh learn {archive}{seen_from} -o {path}"
-        if command.isprintable() and len(command) < REASON_LENGTH + len(str(path)):
+        if command.isprintable() and len(command) < TEXT_LIMIT + len(str(path)):
             return f"learn it again: {command}"
     return "learn it again"
 

@@ -27,8 +27,8 @@ from observer.tracks import BODY_PARTS, Floats, Tracks
 
 STEP_SHARES = (0.4, 0.3, 0.15, 0.1, 0.05)
 """P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
-ENTRY_PHASES = 4
-"""A movement is entered in one of its first phases; a chain has at least twice as many."""
+ENTRY_PHASES = len(STEP_SHARES) - 1
+"""A movement is entered in one of the phases that a step can take it to; a chain has at least twice as many."""
 ENTRY = np.arange(ENTRY_PHASES, 0, -1) / sum(range(ENTRY_PHASES + 1))
 """P(it is entered in its first, ... fourth phase), which falls evenly."""
 UNDER_WAY = 0.2

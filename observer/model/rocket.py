@@ -25,8 +25,8 @@ for _row, _twos in enumerate(combinations(range(TAPS), 3)):
     KERNELS[_row, list(_twos)] = 2
 MOST_DILATIONS = 32
 GOLDEN_RATIO = (5**0.5 + 1) / 2
-FLOAT32_ROUNDING = 1e-5
-"""Body sizes: above the rounding of float32."""
+FLOAT32_ROUNDING = TAPS**2 * float(np.finfo(np.float32).eps)
+"""Body sizes: the rounding of a convolution, of at most 9 channels at 9 taps. Places are of the order of 1."""
 
 
 def choose_dilations(length: int, features: int) -> tuple[Integers, Integers]:

@@ -143,7 +143,8 @@ class TrailingWatch:
         # Extremes of a window are those of shorter ones that overlap: how many frames before each of these ends.
         lengths = (1, *windows.postures)
         self._overlapping = [(*range(one, two - one, one), two - one) for one, two in pairwise(lengths)]
-        stored, path = STORED * self._history, taps // TAPS
+        # With twice the history it makes room once in a history.
+        stored, path = 2 * self._history, taps // TAPS
         self._paths: Floats32 = np.zeros((stored, path), np.float32)
         self._counts: Floats32 = np.zeros((stored, dilations, kernels), np.float32)
         self._moments: Floats = np.zeros((stored, 2, 2 * path))
@@ -203,8 +204,6 @@ class TrailingWatch:
         return np.concatenate([shares.ravel(), self._extremes[n, 0, 1], of_postures.ravel()], dtype=np.float32)
 
 
-STORED = 4
-"""How many times the longest history a watch stores: the more, the more rarely it makes room."""
 MOST_SHOWN = 48
 """Traces whose convolutions tell the quantiles for the biases."""
 

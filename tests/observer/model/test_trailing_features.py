@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from observer.model.body_trace import BodyTrace, read_trace, width_of
-from observer.model.trailing_features import STORED, TrailingFeatures, Windows
+from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.tracks import Tracks
 
 PARTS = ("left_hand", "right_hand", "head", "left_foot", "right_foot")
@@ -60,7 +60,7 @@ def test_a_watch_has_the_features_of_the_whole_recording_at_any_rate(rate_hz):
     """Also where a window is more than twice as long as the next shorter one, and after the watch has made room."""
     learned = [read_trace(PARTS, rate_hz, recording(seed)) for seed in range(4)]
     features = TrailingFeatures.learn(Windows.of(rate_hz, 1.1), rate_hz, learned)
-    rows = read_trace(PARTS, rate_hz, recording(9, frames=2 * STORED * features.windows.history))
+    rows = read_trace(PARTS, rate_hz, recording(9, frames=8 * features.windows.history))
     watch, streamed = features.watch(), []
     for row in rows:
         watch.update(row)
