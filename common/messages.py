@@ -72,11 +72,11 @@ class Vote(MessagePart):
     """One observer's entry in a judgement; its fields are null while the observer has sent nothing usable.
 
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`:
-    its share in the pooled posterior; `rest`: the probability that the person rests; `skew_s`: how far its clock is
-    ahead of ours, by which `age_s` is corrected; `reliability`: learned; `rest_reliability`, `label_reliability`:
-    lately, if doubted; `doubles`: correlated observers; `freshness`: what is left of a stale posterior; `repetitions`,
-    `repeated`: as in its posterior. A short vote has `root_p` for `p`, and no `facing`, `facets`, `doubles`,
-    `freshness`, `repeated`.
+    its share in the pooled posterior; `rest`: the probability that the person rests, null also if it sees nobody;
+    `skew_s`: how far its clock is ahead of ours, by which `age_s` is corrected; `reliability`: learned;
+    `rest_reliability`, `label_reliability`: lately, if doubted; `doubles`: correlated observers; `freshness`: what is
+    left of a stale posterior; `repetitions`, `repeated`: as in its posterior. A short vote has `root_p` for `p`, and no
+    `facing`, `facets`, `doubles`, `freshness`, `repeated`.
     """
 
     label: Label | None
@@ -98,6 +98,11 @@ class Vote(MessagePart):
     freshness: Probability | None = None
     repetitions: Repetitions | None = None
     repeated: VotedRepeated | None = None
+
+    @property
+    def sees_nobody(self) -> bool:
+        """Whether it enters the judgement although its observer sees no body part."""
+        return self.state == "stale" and self.rest is None
 
     @model_validator(mode="after")
     def _with_p(self) -> "Vote":

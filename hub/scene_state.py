@@ -59,7 +59,7 @@ class ObserverState:
     entropy: bits. weight: 0 to 1. age_s: at the scene state's now. agrees: it is one of the k in the judgement's
     agreement "k of n". skew_s: how far its clock is ahead of the fusion machine's. rejected: how many of its messages
     fusion rejected. reliability: learned from earlier verdicts, 1 is full. has_same_id: two processes have its id.
-    rest_reliability, label_reliability: how far its word is trusted, if the others contradict it; else None.
+    sees_nobody: in its pictures. rest_reliability, label_reliability: how far it is trusted, if others contradict it.
     """
 
     name: str
@@ -77,6 +77,7 @@ class ObserverState:
     has_same_id: bool = False
     rest_reliability: float | None = None
     label_reliability: float | None = None
+    sees_nobody: bool = False
 
     @property
     def is_heard(self) -> bool:
@@ -257,7 +258,8 @@ class SceneState:
         rejected = self._rejected(name)
         return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
                              vote.skew_s, sum(rejected.values()), vote.reliability, name in self.same_ids,
-                             _doubted(vote.rest_reliability), _doubted(vote.label_reliability))  # fmt: skip
+                             _doubted(vote.rest_reliability), _doubted(vote.label_reliability),
+                             vote.sees_nobody)  # fmt: skip
 
     def _rejected(self, observer: str) -> Mapping[str, int]:
         status = self.fusion_status.get(self.judgement.fusion) if self.judgement else None

@@ -154,8 +154,8 @@ def _corner(observer: ObserverState, labels: int, label_cells: int) -> Renderabl
 
 
 def _stance(observer: ObserverState) -> str:
-    if not observer.is_heard:
-        return observer.state
+    if not observer.is_heard or observer.sees_nobody:
+        return "sees nobody" if observer.sees_nobody else observer.state
     stance = "agrees" if observer.agrees else "differs" if observer.label else "undecided"
     return f"{stance}, stale" if observer.state == "stale" else stance
 

@@ -247,4 +247,6 @@ def judgement_line(judgement: JudgementMessage) -> str:
 def _vote(vote: Vote) -> str:
     if not is_heard(vote):
         return vote.state
+    if vote.sees_nobody:
+        return "sees nobody"
     return f"{vote.label or 'undecided'} {vote.weight:.2f}{' stale' if vote.state == 'stale' else ''}"

@@ -10,7 +10,7 @@ from common.probability import Floats
 from common.vocabulary import ABSTAIN
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase, facing_deg, pool_many
-from fusion.engine.roster import AgedPosterior
+from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, get_rule
 from fusion.engine.trust import HONEST, after_message, published_trust
 from fusion.people import ScenePeople
@@ -18,8 +18,9 @@ from fusion.people_ingest import PeopleIngest
 
 # fmt: off
 __all__ = [
-    "DEFAULT_RULE", "AgedPosterior", "EngineOutput", "FusionEngine", "PeopleIngest", "PooledPosterior", "PoolingCase",
-    "ScenePeople", "facing_deg", "first_word", "get_rule", "pool_many", "steady_trusts", "step",
+    "DEFAULT_RULE", "POOLED_STATES", "AgedPosterior", "EngineOutput", "FusionEngine", "PeopleIngest",
+    "PooledPosterior", "PoolingCase", "ScenePeople", "facing_deg", "first_word", "get_rule", "pool_many",
+    "steady_trusts", "step",
 ]
 # fmt: on
 

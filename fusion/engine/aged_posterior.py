@@ -81,6 +81,7 @@ class AgedPosterior:
 
     Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
+    sees: whether it counts and shows somebody, or does not say; rest is 1 where it does not.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). reliability:
     the trust in its labels and its course (trust.py). freshness: k of the fading (rule 3), 1 (unchanged) to 0 (the
     prior). answers: `answers_of` it, if known. score: as published, or why there is none, by our clock. None, or no
@@ -102,6 +103,7 @@ class AgedPosterior:
     answers: Floats | None = None
     repeated: Repeated | None = None
     score: ObservedScore | Unscored | None = None
+    sees: bool = True
 
     def captured_ns(self, now_ns: int) -> int:
         """When its newest frame was captured; not after `now_ns`."""
@@ -123,10 +125,10 @@ class RosterEntry:
 
     p, answers, rest, surprise, facets, score: as in AgedPosterior while fresh. steady: P(honest) on the time channel;
     honest, stays: of its labels, by verdicts and by what it says after decisions (trust.py). visible_ns:
-    capture of the newest frame that showed a body part. usual_s: for so long a posterior is fresh by the observer's
-    usual interval, 0 while that is unknown. fault: the vote state after an unusable message. gone: the process
-    disappeared after its last usable one. published: the hash of the vocabulary of its newest message, usable or not,
-    and when that arrived; None if the process disappeared since. All times by our clock, Unix epoch.
+    capture of the newest frame of this session that showed a body part. usual_s: for so long a posterior is fresh by
+    the observer's usual interval, 0 while that is unknown. fault: the vote state after an unusable message. gone: the
+    process disappeared after its last usable one. published: the hash of the vocabulary of its newest message, usable
+    or not, and when that arrived; None if the process disappeared since. All times by our clock, Unix epoch.
     """
 
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_LIMIT))

@@ -60,7 +60,7 @@ class FusionEngine:
         self._builder = JudgementBuilder(scene, vocabulary, self._rule.name, person)
         self._bases: Mapping[int, VerdictBasis] = NO_BASES
         self._last_observed: tuple[PooledState, VerdictBasis] | None = None
-        """The last step, if an observer counted in it."""
+        """The last step, if an observer saw somebody in it."""
         self._nearest, self._withheld, self._seq, self._facets_ns = NearestMiss(), list[VerdictMessage](), 0, 0
         self._facets: PublishedFacets = {}
         self.reliability = Reliability()
@@ -126,7 +126,7 @@ class FusionEngine:
             self._facets, self._facets_ns = published_facets(pooled.facets), now_ns
         rest = self._rest.pool(posteriors, now_ns)
         ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
-        unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
+        unlearned, observed = pooled.unlearned or 0.0, any(each.sees for each in posteriors)
         waits, is_periodic = self._segmenter.waits, self._segmenter.lasting(ballot.label).periodic
         missing = [each.observer for each in posteriors if waits and each.age_s is None and each.state == "silent"]
         counting = [each for each in posteriors if is_periodic and ballot.votes[each.observer].label == ballot.label]
@@ -136,7 +136,7 @@ class FusionEngine:
         )  # fmt: skip
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
-        # No observer counts any more, as after a film: the last observed state ends in rest, because nothing follows.
+        # Nobody is seen any more, as after a film: the last observed state ends in rest, because nothing follows.
         last = None if observed else self._last_observed
         shown = state if last is None else replace(last[0], at_ns=now_ns, rest=1.0, observed=False)
         decisions = self._segmenter.update(shown) if has_posterior else ()

@@ -203,6 +203,8 @@ def _vote(
     }
     if posterior.state not in POOLED_STATES:
         fields |= {"entropy": None, "p": None, "root_p": None, "freshness": None}
+    elif not posterior.sees:
+        fields["rest"] = None
     return unchecked(Vote, fields)
 
 

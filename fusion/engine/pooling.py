@@ -13,7 +13,7 @@ from common import SECOND_NS
 from common.posterior import FACETS_LIMIT
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.aged_posterior import answers_of
-from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.roster import AgedPosterior
 from fusion.engine.weighing import Rule, RuleResult, Trust
 
 FACING = "facing"
@@ -148,8 +148,8 @@ def pool_facets(cases: Sequence[PoolingCase]) -> list[dict[str, Floats]]:
 
 
 def newest_capture_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
-    """The capture time of the newest posterior that is pooled, at most `now_ns`; None without one."""
-    ages_s = [each.age_s for each in posteriors if each.age_s is not None and each.state in POOLED_STATES]
+    """The capture time of the newest posterior of an observer that sees, at most `now_ns`; None without one."""
+    ages_s = [each.age_s for each in posteriors if each.age_s is not None and each.sees]
     return now_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else None
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from common import SECOND_NS
 from common.message_types import CONTRADICTED
 from common.probability import SMALLEST
-from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.roster import AgedPosterior
 from fusion.engine.segments import NOTICED_S
 from fusion.engine.trust import (
     BLUR,
@@ -142,10 +142,7 @@ class RestPool:
 
     def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
         """The trust in each posterior of this step, LEAST_TRUST to 1."""
-        sides = [
-            each.rest >= 0.5 if each.freshness >= SIGHTED and each.state in POOLED_STATES else None
-            for each in posteriors
-        ]
+        sides = [each.rest >= 0.5 if each.sees and each.freshness >= SIGHTED else None for each in posteriors]
         elapsed_ns = now_ns - self._now_ns
         if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
             return self._trust
@@ -219,7 +216,7 @@ def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | No
     weighted = sorted(
         (posterior.rest, posterior.freshness * weight)
         for posterior, weight in zip(posteriors, weights, strict=True)
-        if posterior.state in POOLED_STATES and posterior.freshness > SMALLEST
+        if posterior.sees and posterior.freshness > SMALLEST
     )
     # A negligible weight would still draw the interpolation to its side.
     largest = max((weight for _, weight in weighted), default=0.0)

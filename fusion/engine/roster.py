@@ -196,23 +196,25 @@ class Roster:
         age_s = None if message is None else (now_ns - state.captured_ns) / SECOND_NS
         if age_s is not None and abs(age_s) <= self._config.drop_s:
             fresh_s = self._fresh_s if state.usual_s < self._fresh_s else state.usual_s
-            unseen_s, freshness, rest = (state.captured_ns - state.visible_ns) / SECOND_NS, 1.0, state.rest
+            unseen_s, freshness = (state.captured_ns - state.visible_ns) / SECOND_NS, 1.0
             if unseen_s > fresh_s:
                 freshness = math.exp((fresh_s - unseen_s) / self._config.blind_s)
-                rest = 1.0 - freshness * (1.0 - rest)
+            # One that sees nobody sees nobody move, and does not see that anybody rests.
+            sees = freshness >= 0.5
+            rest = state.rest if sees else 1.0
             if message is not None and not state.gone:
                 if age_s > fresh_s:
                     freshness *= math.exp((fresh_s - age_s) / self._config.fade_s)
                 fresh = AgedPosterior(
                     observer, state.p, rest, age_s, "counted", state.clock.skew_s, message.unlearned, state.surprise,
                     state.facets, trust, freshness, message.repetitions, state.answers,
-                    message.repeated, state.score,
+                    message.repeated, state.score, sees,
                 )  # fmt: skip
                 return fresh if freshness == 1.0 else faded(fresh)
         # It contributes the prior (rule 4).
         return AgedPosterior(
             observer, self.prior, rest, age_s, self._unused_state(state, now_ns), state.clock.skew_s,
-            reliability=trust, freshness=0.0, answers=self._neutral,
+            reliability=trust, freshness=0.0, answers=self._neutral, sees=False,
         )  # fmt: skip
 
     def _unused_state(self, state: RosterEntry, now_ns: int) -> VoteState:

@@ -100,8 +100,8 @@ class Conditions:
         before = self._held if self._held_for(self._last_ns) else None
         self._last_ns = state.at_ns
         self._hold(state, self.state in ENDING and state.rests)
-        if self.state is IDLE and self._movement.unseen and state.observed and state.idle and state.rest < 1.0:
-            self._movement = replace(self._movement, unseen=False)  # 1: nobody is seen.
+        if self.state is IDLE and self._movement.unseen and state.observed and state.idle:
+            self._movement = replace(self._movement, unseen=False)
         if self.state is not IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
         met, named = self._held_for(state.at_ns), self._held_for(state.at_ns - state.longer_s * SECOND_NS)

@@ -41,9 +41,9 @@ class PooledState:
     """The pooled posterior at one time: the likeliest label, and probabilities.
 
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    agreeing: observers whose own label it is; contested: whether one votes for another. observed: whether any posterior
-    is pooled; newest_capture_ns: of the newest, None: at_ns. complete: whether each observer of the roster has begun.
-    repetitions: of the label so far; None: nobody counts.
+    agreeing: observers whose own label it is; contested: whether one votes for another. observed: whether an
+    observer sees somebody; newest_capture_ns: of the newest one that does, None: at_ns. complete: whether each observer
+    of the roster has begun. repetitions: of the label so far; None: nobody counts.
     """
 
     at_ns: int

@@ -187,6 +187,7 @@ def _observer(observer: ObserverState, history: "SceneHistory", labels: int) -> 
         "age": rounded(observer.age_s, 3),
         "state": observer.state,
         "heard": observer.is_heard,
+        "sees_nobody": observer.sees_nobody,
         "agrees": observer.agrees,
         "gone": observer.name in history.gone,
         "present": observer.name in history.present,

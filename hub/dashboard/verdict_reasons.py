@@ -22,7 +22,7 @@ def reasons(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
     if verdict.revises is not None:
         yield f"It is a correction: before, the referee said {verdict.revises}."
     others = [f"{name} held {vote.label}" for name, vote in votes.items() if vote.label not in (None, verdict.label)]
-    undecided = [name for name, vote in votes.items() if vote.label is None]
+    undecided = [name for name, vote in votes.items() if vote.label is None and not vote.sees_nobody]
     if others:
         yield f"{_listed(others)}."
     if undecided and verdict.unlearned is None:
@@ -95,6 +95,7 @@ def _contributions(verdict: VerdictMessage) -> Iterator[str]:
 
 def _faults(verdict: VerdictMessage) -> Iterator[str]:
     sentences = {
+        "nobody": "saw nobody: its vote had faded",
         "stale": "was stale ({age} old): its vote had faded",
         "late": "was late ({age} behind) and did not count",
         "silent": "was silent and did not count",
@@ -106,7 +107,7 @@ def _faults(verdict: VerdictMessage) -> Iterator[str]:
         yield f"{len(faulty)} judges did not count in full; the table shows which."
         return
     for name, vote in faulty:
-        yield f"{name} {sentences[vote.state].format(age=age(vote.age_s))}."
+        yield f"{name} {sentences['nobody' if vote.sees_nobody else vote.state].format(age=age(vote.age_s))}."
 
 
 def _listed(names: list[str], last: str = "and") -> str:

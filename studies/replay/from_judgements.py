@@ -20,7 +20,7 @@ from common.posterior import Repeated
 from common.probability import Floats, uniform
 from common.text import plural
 from common.vocabulary import Vocabulary
-from studies.fusion_engine import AgedPosterior, EngineOutput, FusionEngine, get_rule
+from studies.fusion_engine import POOLED_STATES, AgedPosterior, EngineOutput, FusionEngine, get_rule
 
 if TYPE_CHECKING:
     from common.config import FusionConfig, Scene
@@ -220,6 +220,7 @@ def _posterior(observer: str, vote: Vote, prior: Floats) -> AgedPosterior:
         repeated=None
         if (repeated := vote.repeated) is None
         else Repeated(partial=repeated.partial, swing=repeated.swing),
+        sees=vote.state in POOLED_STATES and vote.rest is not None,
     )
 
 

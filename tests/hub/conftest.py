@@ -26,7 +26,8 @@ NOON = 1_700_000_000 * SECOND_NS
 
 def vote(label="nthrow", p=(0.1, 0.1, 0.1, 0.7), weight=0.5, state="counted", age_s=0.05, **more):
     entropy = -sum(x * math.log2(x) for x in p if x > 0)
-    return Vote(label=label, entropy=entropy, weight=weight, age_s=age_s, state=state, p=list(p), **more)
+    fields = {"rest": 0.1, **more}
+    return Vote(label=label, entropy=entropy, weight=weight, age_s=age_s, state=state, p=list(p), **fields)
 
 
 def judgement(seq=1, at_ns=NOON, label="nthrow", p=(0.1, 0.1, 0.2, 0.6), votes=None, **more):

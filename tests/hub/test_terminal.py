@@ -74,10 +74,10 @@ def test_two_processes_of_one_id_are_a_line_of_their_own_while_it_lasts(make):
 
 def test_the_stances_are_those_of_the_agreement(make):
     votes = {"a": make.vote("ok"), "b": make.vote(state="stale"), "c": make.vote(), "d": make.vote(None),
-             "e": make.vote(state="late")}  # fmt: skip
+             "e": make.vote(state="late"), "f": make.vote(state="stale", rest=None)}  # fmt: skip
     state = scene(make, votes=votes).fold(make.status("b", "degraded", "camera frozen", 2.0), make.NOON)
     text = drawn(render(state, 80))
-    for words in ("a differs", "b agrees, stale", "c agrees", "d undecided", "e late", "2 of 4 agree"):
+    for words in ("a differs", "b agrees, stale", "c agrees", "d undecided", "e late", "f sees nobody", "3 of 5 agree"):
         assert words in text
     assert "degraded, 2 Hz, camera frozen" in text
 

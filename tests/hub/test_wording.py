@@ -25,8 +25,8 @@ def test_a_judgement_without_observers_names_no_movement(make):
 
 def test_a_vote_without_a_label_is_undecided_and_a_stale_one_is_heard(make):
     votes = {"a": make.vote(None), "b": make.vote(state="stale", weight=0.25), "c": make.vote(state="late")}
-    line = judgement_line(make.judgement(votes=votes))
-    assert "1 of 2 agree" in line and "a: undecided 0.50, b: nthrow 0.25 stale, c: late" in line
+    line = judgement_line(make.judgement(votes=votes | {"d": make.vote(None, state="stale", rest=None)}))
+    assert "1 of 3 agree" in line and "a: undecided 0.50, b: nthrow 0.25 stale, c: late, d: sees nobody" in line
 
 
 def test_dissent_is_of_all_votes_that_are_heard(make):

@@ -1,7 +1,7 @@
 // What the page says about a scene. An observer is shown to people as a judge, and fusion as the referee.
 import { store, stored } from "./elements.js";
 
-const SLOW_CLOCK_S = 0.5, NAMES_LIMIT = 6, ROUNDING_BITS = 0.001;
+const SLOW_CLOCK_S = 0.5, NAMES_LIMIT = 6;
 
 export const percent = (value) => `${Math.round(value * 100)}%`;
 export const bits = (value) => value === null ? "-" : `${value.toFixed(2)} bit`;
@@ -67,7 +67,7 @@ export function stance(observer) {
   return observer.label === null ? "undecided" : observer.agrees ? "agrees" : "differs";
 }
 const isStale = (observer) => observer.state === "stale" && !observer.gone;
-export const stanceWords = (observer) => stance(observer) + (isStale(observer) ? ", stale" : "");
+export const stanceWords = (observer) => (observer.sees_nobody && !observer.gone ? "sees nobody" : stance(observer) + (isStale(observer) ? ", stale" : ""));
 /* Its colour; at rest no opinion is nothing unusual. */
 export function tone(observer, moving = true) {
   const kind = observer.gone ? "silent" : isStale(observer) ? "stale" : stance(observer);
@@ -75,11 +75,10 @@ export function tone(observer, moving = true) {
 }
 const STATES = { silent: "is not heard", late: "late", foreign: "knows other movements", invalid: "sends what cannot be read" };
 /* What a judge sees and how sure it is. sure: the probability that a verdict needs. */
-export function sight(observer, { moving, labels }, sure) {
+export function sight(observer, { moving }, sure) {
   if (observer.gone) return "does not run";
   if (!observer.heard) return STATES[observer.state] || observer.state;
-  // The opinion of one that sees nobody fades to none at all, with the greatest entropy; of one that is slow some is left.
-  if (isStale(observer) && observer.label === null && observer.entropy >= Math.log2(labels) - ROUNDING_BITS) return "sees nobody";
+  if (observer.sees_nobody) return "sees nobody";
   if (isStale(observer)) return observer.label === null ? "late" : `${words(observer.label)}, late`;
   if (observer.label === null) return moving ? "not sure" : "sees no movement";
   return `${words(observer.label)}, ${observer.ranked.length && observer.ranked[0][1] >= sure ? "sure" : "not sure"}`;

@@ -164,6 +164,25 @@ def test_what_the_last_frame_of_a_film_shows_is_decided_when_its_observer_has_go
     assert scene.labels == ["bow", "bow"] and scene.verdicts[-1].stage == "ended"
 
 
+def test_an_observer_that_sees_nobody_has_no_say_in_whether_the_person_rests():
+    scene = EngineDriver(VIEWS[:2], quorum=1)
+    for _ in range(8):
+        scene.tick()
+        scene.publish("door", sure("bow"), MOVING, visible={"head": True})
+        scene.publish("wheel", UNIFORM, REST, visible={"head": False})
+        judgement = scene.fuse()
+    assert scene.labels == ["bow"] and judgement.movement is not None
+    assert (judgement.votes["door"].rest, judgement.votes["wheel"].rest) == (MOVING, None)
+
+
+def test_where_nobody_is_seen_any_more_the_movement_ends_and_none_begins_until_somebody_is():
+    scene = EngineDriver(["door"], quorum=1)
+    scene.step({"door": sure("bow")}, MOVING, 6, visible={"head": True})
+    scene.step({"door": sure("bow")}, MOVING, 20, visible={"head": False})
+    assert [verdict.stage for verdict in scene.verdicts] == ["decided", "ended"]
+    assert scene.step({"door": sure("lunge")}, MOVING, visible={"head": True}).movement is not None
+
+
 def test_a_second_without_any_observer_neither_ends_a_movement_nor_is_forgotten_by_a_service_that_follows():
     scene = EngineDriver()
     scene.engine.roster.set_present(frozenset(VIEWS))

@@ -67,7 +67,8 @@ def trusted(*courses, information=()):
     for step, sides in enumerate(zip(*courses, strict=True)):
         known = [int(course[step]) / 9 for course in information] + [0.0] * len(sides)
         posteriors = [
-            replace(aged_rest(n, float(s == "1"), float(s != "-")), p=informed(known[n])) for n, s in enumerate(sides)
+            replace(aged_rest(n, float(s == "1"), float(s != "-")), p=informed(known[n]), sees=s != "-")
+            for n, s in enumerate(sides)
         ]
         result = trust.update(posteriors, (step + 1) * STEP_NS)
     return result

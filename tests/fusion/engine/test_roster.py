@@ -257,21 +257,25 @@ def test_rule_7_an_observer_that_sees_nothing_fades_by_the_formula_and_is_restor
         posterior = cam.at(after(seq / 10))
         assert posterior.p == pytest.approx(tempered(P, math.exp(-max(seq / 10 - 0.2, 0) / 0.15)))
         assert posterior.state == ("counted" if seq <= 2 else "stale")
+        # Half of the weight is left .304 s after it saw somebody last.
+        assert (posterior.sees, posterior.rest) == ((True, 0.1) if seq <= 3 else (False, 1.0))
     cam.receive(message(after(1.1), seq=11, **sees), after(1.1))
     assert cam.at(after(1.1)).p == pytest.approx(P) and cam.state(after(1.1)) == "counted"
     unsaid = Cam1(message(seq=0), message(after(1), seq=1), now_ns=after(1))
     assert unsaid.at(after(1)).p == pytest.approx(P)  # an observer that does not publish `visible` is not blind
     none_yet = Cam1()
     none_yet.receive(message(after(0), seq=0, **blind), after(0))
-    assert none_yet.at(after(0)).rest == 1.0 and none_yet.at(after(0)).p == pytest.approx(tempered(P, 0.0))
+    assert not none_yet.at(after(0)).sees and none_yet.at(after(0)).p == pytest.approx(tempered(P, 0.0))
 
 
-def test_rules_3_and_7_an_observer_that_sees_nothing_and_falls_silent_fades_by_both_and_towards_rest():
+def test_rules_3_and_7_an_observer_that_sees_nothing_and_falls_silent_fades_by_both():
     cam = Cam1(message())
     cam.receive(message(after(0.5), seq=1, visible={"head": False}), after(0.5))
     posterior, visibility = cam.at(after(0.9)), math.exp(-(0.5 - 0.2) / 0.15)
     assert posterior.p == pytest.approx(tempered(P, visibility * math.exp(-(0.4 - 0.2) / 0.5)))
-    assert posterior.rest == pytest.approx(1 - visibility * (1 - 0.1))
+    assert not posterior.sees
+    only_late = Cam1(message()).at(after(1.9))
+    assert only_late.sees and only_late.rest == 0.1 and not Cam1(message()).at(after(2.1)).sees
 
 
 def test_rule_8_a_clock_set_back_blocks_nobody_and_leaves_no_posterior_for_ever():

@@ -154,7 +154,6 @@ CASES = {
     "1: as likely at rest as not is no movement": (([("bow", 0.9, 4, 0.5)] * 30,), {}),
     "1: motion of two steps is no movement": ((rest(5), moving(2), rest(20)), {}),
     "1: nor is motion of less than 0.3 s as the posteriors begin, undecided": ((moving(5), rest(20)), {}),
-    "1: nor if nobody was seen before": (([("bow", 0.5, 0, 1.0)] * 3, moving(5), rest(20)), {}),
     "1: which is one once the person has rested": ((rest(1), moving(5), rest(20)), {9: ("abstain", 1, 9, 6)}),
     "1: what follows a decided movement without rest is of that one, unless it has a label of its own": (
         (rest(2), sure(10), moving(30, "lunge"), rest(9)),
@@ -372,6 +371,15 @@ def test_nothing_begins_where_something_else_is_likelier_than_not():
         assert segmenter.movement is None
         segmenter.update(PooledState(n * STEP_NS, "bow", 0.3, 0, 0.1, unlearned))
     assert segmenter.movement is not None
+
+
+@pytest.mark.parametrize(("seen", "ends"), [(False, 0), (True, 1)])
+def test_1_where_nobody_has_been_seen_the_person_has_not_been_seen_at_rest(seen, ends):
+    """The motion is too short for a first movement, and long enough for another one."""
+    segmenter, published = Segmenter(CONFIG, NAMES), []
+    for step, part in enumerate([*rest(3), *moving(5), *rest(20)]):
+        published += segmenter.update(state_of(step, part, observed=seen or step >= 3))
+    assert [each.label for each in published] == ["abstain"] * ends
 
 
 def test_3_that_all_observers_go_is_no_rest():

@@ -155,10 +155,11 @@ def test_the_reasons_say_who_was_late_stale_or_silent(make, why):
         "c": make.vote(state="late", age_s=3.0),
         "d": make.vote(None, state="silent", age_s=None),
         "e": make.vote(None),
+        "f": make.vote(None, state="stale", rest=None),
     }
     text = why(1, votes=votes)
     assert "b was stale (700 ms old)" in text and "c was late (3.0 s behind)" in text and "d was silent" in text
-    assert "e believed no more of one movement than of another" in text
+    assert "e believed no more of one movement than of another" in text and "f saw nobody" in text
     silent = {f"cam{i}": make.vote(state="silent") for i in range(50)}
     assert "50 judges did not count in full" in why(1, votes=silent)
 
