@@ -32,6 +32,8 @@ WHOLE_BODY = (
     *(f"{side}_{part}" for part in ("hip", "knee", "foot") for side in ("left", "right")),
 )
 """All parts that pose models find, named and ordered as in the archives of depth cameras."""
+LOST_S = 1.0
+"""After so long out of sight a person is lost: who is seen then may be somebody else, or do something else."""
 
 
 def other_side(body_parts: Sequence[str]) -> list[int]:

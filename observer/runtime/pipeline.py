@@ -18,7 +18,7 @@ from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
 from observer.motion.even_rate import Resampler
 from observer.score.performance import PerformanceScorer
-from observer.tracks import Floats, Frame, Tracker, Tracks
+from observer.tracks import LOST_S, Floats, Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
     from common.link import Publisher
@@ -113,6 +113,7 @@ class Observer:
         self._frames, self._hurry = 0, Hurry(judged_s)
         self._scorer = PerformanceScorer(model.header) if model.header.references else None
         self._captured_ns = 0
+        self._seen_ns: int | None = None
         self.tracks: Tracks | None = None
 
     @property
@@ -123,13 +124,15 @@ class Observer:
     def step(self, frame: Frame) -> Posterior:
         """The posterior after one more frame; it does not change while no instant of the model is due.
 
-        The frame's tracks are left in `tracks`. A frame after the last one of a recording is watched anew.
+        The frame's tracks are left in `tracks`. A frame after the last one of a recording is watched anew, and so is
+        one that shows somebody after nobody was seen for LOST_S.
         """
         if frame.repeated and self.tracks is not None:
             return self._posterior(self.tracks)
-        if self._ended:
+        tracks = self._tracker.update(frame)
+        if self._ended or self._comes_back(frame, tracks):
             self._begin_again()
-        self.tracks, judged = self._tracker.update(frame), self._hurry.judges(frame)
+        self.tracks, judged = tracks, self._hurry.judges(frame)
         self._captured_ns = frame.captured_ns
         instants = [self.tracks]
         if self._resampler is not None:
@@ -151,6 +154,14 @@ class Observer:
             return None
         self._end()
         return self._posterior(self.tracks)
+
+    def _comes_back(self, frame: Frame, tracks: Tracks) -> bool:
+        """Whether somebody is seen who was lost; not if the observer only left out the frames in between."""
+        if not tracks.visible.any():
+            return False
+        last_ns, self._seen_ns = self._seen_ns, frame.at_ns
+        is_late = frame.skipped > 0 and self.tracks is not None and bool(self.tracks.visible.any())
+        return last_ns is not None and not is_late and frame.at_ns - last_ns > LOST_S * SECOND_NS
 
     def _end(self) -> None:
         self.watch.end()

@@ -19,12 +19,12 @@ from observer.tracking.people import (
     distinct,
 )
 from observer.tracking.search_areas import STIRRED, MotionGrid, Sweep
-from observer.tracks import Floats, SeenPeople
+from observer.tracks import LOST_S, Floats, SeenPeople
 
 LONGEST_STEP_S = 0.5
 """A longer time between two pictures counts as this long."""
-LOST_S, APART_S = 1.0, 0.7
-"""After so long out of sight the followed person is lost; after two came too near, nobody is followed for so long."""
+APART_S = 0.7
+"""After two came too near, nobody is followed for so long."""
 LOOK_AROUND = 2.6
 """Side of the square around the followed person in which others are searched."""
 BESIDE = 0.5

@@ -129,8 +129,8 @@ class PassThrough:
         return Tracks(frame.content)
 
 
-def frame(n, last=False, skipped=0):
-    return Frame(n * SECOND_NS // 10, np.zeros((1, 2)), last=last, skipped=skipped)
+def frame(n, last=False, skipped=0, seen=True):
+    return Frame(n * SECOND_NS // 10, np.full((1, 2), 0.0 if seen else np.nan), last=last, skipped=skipped)
 
 
 @pytest.mark.parametrize("resampler", [None, Resampler(10.0)])
@@ -140,6 +140,25 @@ def test_a_recording_ends_with_its_last_frame_and_the_next_is_watched_anew(resam
     assert before.p[0] == again.p[0] == 0.5 and ended.p[0] == 1.0
     assert [watch.frames for watch in model.watches] == [2, 1] and again.frames == 3
     assert observer.end().p[0] == 1.0 and observer.end() is None, "it ends once"
+
+
+@pytest.mark.parametrize(
+    ("frames", "watched"),
+    [
+        ([frame(n, seen=n % 20 > 9) for n in range(40)], [30, 10]),
+        ([frame(n, seen=n % 20 > 8) for n in range(40)], [40]),
+        ([frame(0), frame(11)], [1, 1]),
+        ([frame(0), frame(11, skipped=10)], [2]),
+        ([frame(0), frame(1, seen=False), frame(12, skipped=10)], [2, 1]),
+        ([frame(30), frame(0)], [2]),
+    ],
+    ids=["nobody for 1.1 s", "nobody for 1 s", "no picture", "pictures left out", "nobody before", "clock set back"],
+)
+def test_who_comes_after_nobody_was_seen_for_a_second_is_watched_anew(frames, watched):
+    observer = Observer(PassThrough(), model := CountingModel())
+    for each in frames:
+        observer.step(each)
+    assert [watch.frames + watch.passed for watch in model.watches] == watched
 
 
 def test_of_the_instants_between_frames_that_were_skipped_only_the_newest_is_classified():

@@ -11,8 +11,9 @@ from observer_stage import rejected
 
 from observer.tracking.company import Company
 from observer.tracking.people import Body, FollowRule, Pose, SearchArea, distinct
-from observer.tracking.person_follower import APART_S, LOST_S, PersonFollower
+from observer.tracking.person_follower import APART_S, PersonFollower
 from observer.tracking.search_areas import MotionGrid, Sweep, search_levels
+from observer.tracks import LOST_S
 
 PICTURE = np.zeros((480, 640, 3), np.uint8)
 IDENTITY, NOSE, WRIST = 5, 0, 15
