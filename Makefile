@@ -11,6 +11,8 @@ TRANSPORTS := .venv-transports
 # Where it is set, as in many containers, each of the hundreds of processes of a test run compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+# The way out when Python is too old: the make command that was typed, with another one.
+needs_python = $(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make $(MAKECMDGOALS) PYTHON=python3.11") if sys.version_info < (3, 11) else None'
 # An environment with labanmesh in it; pip shows how far it is, and says why it fails.
 environment = $(PYTHON) -m venv $(@D) && $(@D)/bin/pip install --disable-pip-version-check -e
 # MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
@@ -108,7 +110,7 @@ clean:           ## remove all environments and everything built
 	@rm -rf $(VENV) $(CAMERAS) $(MEDIAPIPE) $(HOME_ASSISTANT) $(PEERS) $(TRANSPORTS) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
 
 $(VENV)/.ready: pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@$(needs_python)
 	@$(environment) '.[all,dev]'
 	@touch $@
 
@@ -119,7 +121,7 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 	@touch $@
 
 $(CAMERAS)/.ready: pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@$(needs_python)
 	@$(environment) '.[mediapipe,dashboard,mqtt,phone]'
 	@$(no_windows)
 	@touch $@
@@ -130,11 +132,11 @@ $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
 	@touch $@
 
 $(PEERS)/.ready: pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@$(needs_python)
 	@$(environment) '.[peers,dev]'
 	@touch $@
 
 $(TRANSPORTS)/.ready: pyproject.toml
-	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@$(needs_python)
 	@$(environment) '.[transports,all,dev]'
 	@touch $@
