@@ -26,10 +26,11 @@ help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 20
 
 install: $(CAMERAS)/.ready   ## labanmesh for your own cameras: mediapipe, dashboard, phones and MQTT, in an environment of its own
-	@echo "next: $(CAMERAS)/bin/labanmesh init"
+	@echo "next: $(CAMERAS)/bin/labanmesh init; \`. $(CAMERAS)/bin/activate\` puts labanmesh on your path"
 
 demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
 	@$(BIN)/labanmesh demo
+	@command -v labanmesh >/dev/null || echo "labanmesh is $(BIN)/labanmesh here; \`. $(BIN)/activate\` puts it on your path"
 
 test: $(VENV)/.ready fault-tools mqtt-tools   ## all tests; those on recorded people need LABANMESH_DATA
 	@$(BIN)/pytest -q
