@@ -45,7 +45,7 @@ class SignedCertificate:
 def make_authority(scenes: str, now: datetime, only_for: Sequence[str] = ()) -> KeyPair:
     """A new authority that signs itself, valid for AUTHORITY_DAYS; `now` is timezone-aware, `scenes` names it.
 
-    only_for: domains and IP networks; who trusts the authority trusts it for hosts in them alone (RFC 5280, 4.2.1.10).
+    only_for: domains and IP networks; a machine that trusts it does so for hosts in them alone (RFC 5280, 4.2.1.10).
     """
     key = ec.generate_private_key(ec.SECP256R1())
     name = _subject(f"labanmesh {scenes}"[:64])

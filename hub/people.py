@@ -13,7 +13,7 @@ from common.messages import JudgementMessage
 Others = Mapping[str, JudgementMessage]
 Falls = Mapping[str, FallMessage]
 AWAY_NS = 2 * SECOND_NS
-"""Who has not been judged for so long, by the fusion machine's clock, is not there."""
+"""A person who has not been judged for so long, by the fusion machine's clock, is not there."""
 
 STAGES = ("unknown", "up", "low", "fallen")
 """Of the watch for falls, those that matter most last."""

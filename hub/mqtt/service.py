@@ -109,7 +109,7 @@ class MqttHub:
         await self._begin(client)
         with ExitStack() as announced:
             for served in self._served:
-                # Who teaches or watches can tell that Home Assistant receives the scene.
+                # So the pages that teach and watch can tell that Home Assistant receives the scene.
                 connected = served.link.sub_session()
                 announced.callback(connected.close)
                 connected.announce(served.alive)

@@ -200,7 +200,7 @@ class Lesson:
         return True
 
     def _count_down(self, step: Step, begin: Callable[[], object] = lambda: None) -> None:
-        """Count down, `begin`, and only then say `now`: who reacts in 0.2 s must not be faster than a busy machine."""
+        """Count down, `begin`, and only then say `now`: a person reacts in 0.2 s, and a busy machine may be slower."""
         for left in range(self._plan.countdown, 0, -1):
             self._interface.show(replace(step, kind="countdown", left_s=left))
             self._between(None, 1.0)

@@ -1,7 +1,7 @@
 """Recordings of several people in one room, as a view sees them. Pure.
 
-Their rows are those of people_rows.py. Who is nearer to the camera covers others: a part behind the trunk or the head
-of somebody else is not seen.
+Their rows are those of people_rows.py. The person nearer to the camera covers others: a part behind the trunk or the
+head of somebody else is not seen.
 """
 
 from collections.abc import Sequence

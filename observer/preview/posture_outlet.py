@@ -29,7 +29,7 @@ log = logging.getLogger("labanmesh.observer")
 
 
 class PostureOutlet:
-    """Takes every sighting. areas: where people usually lie: whoever has the hips there does not lie."""
+    """Takes every sighting. areas: where people usually lie; a person with the hips there does not count as lying."""
 
     def __init__(self, publisher: Publisher, areas: Sequence[Area] = ()) -> None:
         self._publisher, self._areas = publisher, areas
