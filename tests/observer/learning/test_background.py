@@ -23,7 +23,7 @@ from studies.performer import perform
 WORDS = Vocabulary(("ok", "shake"))
 ELSE = ("byebye", "lunging")
 KNOWN = Onset(known=True)
-SMALL = {"kernels": 336.0}
+SMALL = {"kernels": 84.0}
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from observer.motion.archive_file import write_archive
 from studies.performer import perform
 
 OLD, NEW = ("ok", "shake"), ("lunging", "byebye")
+SMALL = {"kernels": 84.0}
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +30,13 @@ def people():
 @pytest.fixture(scope="module")
 def model(people):
     old = recordings_of(people, ("1", "2"), OLD, trials=2)
-    return learn_view(old, DOOR, Vocabulary(OLD), parameters={"kernels": 336.0})
+    return learn_view(old, DOOR, Vocabulary(OLD), parameters=SMALL)
 
 
 @pytest.fixture(scope="module")
 def with_facings(people):
     """A model of several facings."""
-    parameters = {"facings": 4.0, "kernels": 336.0}
+    parameters = {"facings": 4.0, **SMALL}
     old = recordings_of(people, ("1", "2"), OLD, trials=1)
     return learn_view(old, DOOR, Vocabulary(OLD), parameters=parameters, calibrate=False)
 
@@ -81,7 +82,7 @@ def test_adding_and_removing_movements_restores_the_model(model, people):
 )
 def test_a_movement_added_is_as_one_learned_at_once(people, before, newcomers, trials):
     old, new = recordings_of(people, before, OLD, trials), recordings_of(people, newcomers, (NEW[0],), trials)
-    both, parameters = MotionArchive(people.body_parts, (*old.recordings, *new.recordings)), {"kernels": 336.0}
+    both, parameters = MotionArchive(people.body_parts, (*old.recordings, *new.recordings)), SMALL
     grown = add_movements(learn_view(old, DOOR, Vocabulary(OLD), parameters=parameters), new, DOOR).model
     whole = learn_view(both, DOOR, Vocabulary((*OLD, NEW[0])), parameters=parameters)
     assert grown.header.parameters == whole.header.parameters
@@ -97,7 +98,7 @@ def test_a_movement_added_is_as_one_learned_at_once(people, before, newcomers, t
 
 @pytest.mark.parametrize(("kind", "facings"), [("phase", 1), ("frame-table", 1), ("stacked", 12)])
 def test_a_model_without_all_its_takes_is_not_edited(people, kind, facings):
-    parameters = {"facings": float(facings), "kernels": 336.0} if kind == "stacked" else {}
+    parameters = {"facings": float(facings), **SMALL} if kind == "stacked" else {}
     old = recordings_of(people, ("1",), OLD, trials=1)
     learned = learn_view(old, DOOR, Vocabulary(OLD), kind=kind, parameters=parameters, calibrate=False)
     for edit in (

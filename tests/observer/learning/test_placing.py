@@ -138,7 +138,7 @@ def test_learn_says_where_a_camera_file_expects_the_person(run, scene):
 def test_a_model_of_several_facings_has_a_place_only_and_grows_where_it_is(people, scene):
     archive, view = perform(("1", "2"), ("ok", "shake", "lunging"), trials=1), View("room", camera(0.0))
     few = MotionArchive(PARTS, tuple(r for r in archive.recordings if r.label != "lunging"))
-    parameters = {"facings": 4.0, "kernels": 336.0}
+    parameters = {"facings": 4.0, "kernels": 84.0}
     model = learn_view(
         few, view, Vocabulary(("ok", "shake")), parameters=parameters, calibrate=False, placement=STANDING
     )

@@ -113,7 +113,7 @@ def test_what_does_not_fit_together_is_one_line(run, files, monkeypatch, words, 
 
 
 def test_movements_are_added_from_the_same_camera_only(sofa):
-    parameters = {"kernels": 336.0}
+    parameters = {"kernels": 84.0}
     taught = learn_view(sofa, view_of(sofa, ""), Vocabulary(LABELS), parameters=parameters, calibrate=False)
     new = perform(("1", "2"), ("lunging",), trials=3, seed=5)
     seen = in_px(projected(new, parse_view("yaw:40"), SOFA))

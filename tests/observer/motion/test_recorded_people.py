@@ -45,25 +45,6 @@ def test_msr_action3d(data, tmp_path):
     assert len(read_archive(tmp_path / "msr.npz").recordings) == 553
 
 
-def test_msr_action3d_axes(data):
-    result = import_recordings("msr-action3d", data / "msr_action3d" / "MSRAction3DSkeletonReal3D")
-    one_handed = {MSR_LABELS[number - 1] for number in (1, 2, 5, 6, 7)}
-    few = [recording for recording in result.archive.recordings if recording.label in one_handed]
-    assert len(few) == 133
-    for recording in few:
-        left, right, *_ = paths(recording)
-        assert right > left
-        # People wave and punch in front of themselves.
-        assert np.nanmin(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.1
-
-    # The Kinect took one hand for the other here and there: not in all.
-    starts = np.array([np.nanmedian(recording.positions[:3], axis=0) for recording in few])
-    apart = (starts[:, LEFT, 0] < starts[:, HEAD, 0]) & (starts[:, HEAD, 0] < starts[:, RIGHT, 0])
-    above = starts[:, HEAD, 1] > starts[:, LEFT, 1] + 0.3
-    assert apart.mean() > 0.95 and above.mean() > 0.95
-    assert_upright(result.archive.body_parts, np.nanmedian(starts, axis=0))
-
-
 def assert_upright(body_parts, places):
     """The median places of a standing person are in order: from the top down, and from left to right."""
     at = dict(zip(body_parts, places, strict=True))
