@@ -66,9 +66,8 @@ def test_a_line_says_why_there_is_no_verdict(make, capsys):
     abstained = make.verdict(1, ended_ns=make.NOON, label="abstain", why=lacks)
     show_lines(updates(make, make.moving(why=lacks), abstained))
     undecided, verdict = capsys.readouterr().out.splitlines()
-    assert (
-        undecided.endswith(f"  undecided: {lacks}") and f"verdict  abstain  0 of 2 agree  1.57 bits  {lacks}" in verdict
-    )
+    assert undecided.endswith(f"  undecided: {lacks}")
+    assert f"verdict  abstain  0 of 2 agree  1.57 bits  {lacks}" in verdict
 
 
 def test_a_judgement_is_a_line_each_second_and_none_while_fusion_is_silent(make, capsys):

@@ -142,10 +142,8 @@ def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, lesson_ser
         forget = post("forget", {"everything": True})
         page, *others = ask(None, PAGE, state, post("start", PLAN), forget, access=access, off=off, host="127.0.0.1")
         assert page.status_code == 200 and off in page.text and {each.status_code for each in others} == {404}
-    assert (
-        "labanmesh dashboard SCENE --teach" in TEACHING_IS_OFF
-        and "labanmesh secure add SCENE NAME --hub --teach" in NO_TEACH_RIGHT
-    )
+    assert "labanmesh dashboard SCENE --teach" in TEACHING_IS_OFF
+    assert "labanmesh secure add SCENE NAME --hub --teach" in NO_TEACH_RIGHT
 
 
 @pytest.mark.parametrize(("teaches", "right", "line"), [(False, True, TEACHING_IS_OFF), (True, False, NO_TEACH_RIGHT)])
@@ -161,10 +159,8 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     (tmp_path / "token").write_text(TOKEN)
     local, lan = Address("127.0.0.1", 8420), Address("0.0.0.0", 8420)  # noqa: S104 - a test
     made = _access(local, None, True)
-    assert (
-        re.fullmatch(r"([a-z2-9]{4}-){3}[a-z2-9]{4}", made.made_token)
-        and made.made_token != _access(local, None, True).made_token
-    )
+    assert re.fullmatch(r"([a-z2-9]{4}-){3}[a-z2-9]{4}", made.made_token)
+    assert made.made_token != _access(local, None, True).made_token
     assert made.admits("", "") and made.admits_teaching(f"Bearer {made.made_token}") and not made.admits_teaching("")
     assert not _access(lan, None, True).admits("", ""), "others need it to read, too"
     own = _access(lan, tmp_path / "token", True)
@@ -266,8 +262,5 @@ def test_the_state_says_how_observers_and_lesson_stand(lesson_server, make):
     interface.show(Step("alarms", number=1, left_s=3))
     interface.say("false alarm: wave")
     lesson = lesson_server_data(lesson_server)["lesson"]
-    assert (
-        lesson["results"] == ["cam1: wave 2 of 3"]
-        and lesson["test"] == ["wave: recognised", "false alarm: wave"]
-        and lesson["adopted"]
-    )
+    assert lesson["results"] == ["cam1: wave 2 of 3"] and lesson["test"] == ["wave: recognised", "false alarm: wave"]
+    assert lesson["adopted"]

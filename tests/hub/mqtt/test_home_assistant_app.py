@@ -89,9 +89,8 @@ def test_the_broker_is_the_one_that_the_supervisor_names_as_soon_as_it_does(run,
     with simulated_supervisor() as supervisor:
         Supervisor.service, Supervisor.known_after = service, 2
         environment = run._broker({}, root, supervisor, run.threading.Event())
-    assert (
-        environment["LABANMESH_HUB_MQTT_HOST"] == "core-mosquitto" and environment["LABANMESH_HUB_MQTT_TLS"] == "true"
-    )
+    assert environment["LABANMESH_HUB_MQTT_HOST"] == "core-mosquitto"
+    assert environment["LABANMESH_HUB_MQTT_TLS"] == "true"
     assert (root / "data/mqtt-password").read_text() == "s3cret"
     assert capsys.readouterr().out.count("waiting for the MQTT broker") == 1
     monkeypatch.setattr(run, "BROKER_TIMEOUT_S", 0.05)

@@ -219,10 +219,8 @@ def test_a_whole_lesson_by_presses_and_a_correction(lesson_server, make):
         lesson_server.correct(WantedCorrections({"v9": "wave"}))
     lesson_server.correct(WantedCorrections({"v1": "wave"}))
     until(lambda: lesson_server.lesson.over, "it has learned from the correction")
-    assert (
-        lesson_server.lesson.fault == ""
-        and "was wave by anna: kept by cam1 (1.0 s)" in lesson_server.lesson.interface.shown.lines[0].text
-    )
+    assert lesson_server.lesson.fault == ""
+    assert "was wave by anna: kept by cam1 (1.0 s)" in lesson_server.lesson.interface.shown.lines[0].text
 
 
 @pytest.fixture
@@ -291,8 +289,6 @@ def test_observers_that_do_not_answer_a_teacher_are_one_line(lesson_server, monk
     monkeypatch.setattr(lesson_server._client, "_answer_s", 0.1)
     lesson_server.start(plan())
     until(lambda: lesson_server.lesson.over, "it ends")
-    assert (
-        "labanmesh secure add SCENE NAME --hub --teach" in lesson_server.lesson.fault
-        and "\n" not in lesson_server.lesson.fault
-    )
+    assert "labanmesh secure add SCENE NAME --hub --teach" in lesson_server.lesson.fault
+    assert "\n" not in lesson_server.lesson.fault
     until(lambda: lesson_server.silent == {"cam1"}, "the page says so")

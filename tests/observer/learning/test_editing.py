@@ -178,11 +178,8 @@ def test_add_and_forget_on_the_command_line(run, people, tmp_path):
     before = read_model(file)
     words = ["learn", tmp_path / "more.npz", "--view", "door", "--labels", "byebye"]
     status, out, err = run(*words, "--add-to", file, "-o", file)
-    assert (
-        status == 0
-        and "byebye added from 2 examples of 1 person; 3 movements now" in out
-        and "all observers of the scene" in out
-    )
+    assert status == 0 and "byebye added from 2 examples of 1 person; 3 movements now" in out
+    assert "all observers of the scene" in out
     assert "tried on 2 left-out examples of byebye: right" in out
     assert err == "warning: byebye: 2 recordings; record it at least 3 times\n"
     status, _, err = run(*words, "--add-to", file, "--effort", "-o", file)
