@@ -30,7 +30,7 @@ SAME_HEIGHTS = 0.25
 """Two bodies nearer than this, in heights, whose poses agree are one person, found twice."""
 SAME_POSE = 0.05
 """Median distance of the landmarks of two poses that agree, in heights."""
-LOST_S = 0.5
+POSE_LOST_S = 0.5
 """Who is not found for so long is searched as a new person."""
 
 
@@ -102,7 +102,7 @@ class SeveralPoses:
         if pose is not None and pose.body.resembles(one.body, GROWTH) and pose.body.distance(one.body) <= reach:
             one.body, one.seen_ms = pose.body, self._ms
             return pose
-        if self._ms - one.seen_ms > 1000 * LOST_S:
+        if self._ms - one.seen_ms > 1000 * POSE_LOST_S:
             one.body = None
         return None
 

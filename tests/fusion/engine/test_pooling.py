@@ -221,9 +221,9 @@ def test_facets_that_are_pooled_together_are_those_of_the_plain_formula(sizes, o
         assert p == pytest.approx(log_mix(rows[:, :, None], prior, weighed)[:, 0], abs=1e-9)
 
 
-def test_the_newest_capture_is_that_of_a_pooled_posterior_and_not_in_the_future():
+def test_the_newest_capture_is_that_of_an_observer_that_sees_and_not_in_the_future():
     def newest(*ages_s):
-        votes = posteriors({}, {"state": "late"}, {})
+        votes = posteriors({}, {"sees": False}, {})
         return newest_capture_ns([replace(v, age_s=s) for v, s in zip(votes, ages_s, strict=True)], 10**9)
 
     assert newest(0.5, 0.2, None) == 5 * 10**8

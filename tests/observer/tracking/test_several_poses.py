@@ -5,7 +5,7 @@ import pytest
 
 from common import SECOND_NS
 from observer.tracking.people import Body, Pose
-from observer.tracking.several_poses import LOST_S, SeveralPoses
+from observer.tracking.several_poses import POSE_LOST_S, SeveralPoses
 from observer.tracks import WHOLE_BODY, Frame
 
 SIZE = 640, 480
@@ -99,7 +99,7 @@ def test_who_comes_later_is_found_without_disturbing_the_first(film):
 
 def test_who_leaves_frees_a_copy_of_the_model_for_the_next(film):
     film.show(a60=150, b90=450)
-    for _ in range(round(15 * (LOST_S + 2.5))):
+    for _ in range(round(15 * (POSE_LOST_S + 2.5))):
         film.show(a60=150)
     for _ in range(20):
         shown = film.show(a60=150, c180=550)
