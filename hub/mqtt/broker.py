@@ -18,7 +18,7 @@ from hub.mqtt.states import OFFLINE, ONLINE
 KEEPALIVE_S = 10
 """A broker publishes our last will after one and a half of these without a sign of life."""
 CONNECTION_TIMEOUT_S = 5.0
-"""For connecting and subscribing."""
+"""For connecting and subscribing, and for what is still to be sent when the hub ends."""
 COLLECT_S = 10.0
 PENDING_LIMIT = 1000
 """How many unconfirmed events are allowed before the library warns."""

@@ -26,7 +26,7 @@ from common.text import plural
 from hub.anticipation import is_early
 from hub.instrumentation import HubInstrumentation, instrumented
 from hub.mqtt.bridge import SceneBridge, require_one_broker
-from hub.mqtt.broker import MqttBroker, broker_of, fault_text, permanent_fault
+from hub.mqtt.broker import CONNECTION_TIMEOUT_S, MqttBroker, broker_of, fault_text, permanent_fault
 from hub.mqtt.events import EVENT_S, Publication, recalled_ns
 from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
 from hub.session import SceneListener, SceneUpdate
@@ -117,14 +117,19 @@ class MqttHub:
         await client.publish(self._broker.bridge, OFFLINE, qos=1, retain=True)
 
     async def _publish_until_stopped(self, client: Client) -> None:
-        births = asyncio.create_task(self._await_births(client))
-        publishing = asyncio.create_task(self._publish_all(client))
-        done, pending = await asyncio.wait((births, publishing), return_when=asyncio.FIRST_COMPLETED)
+        each = (self._await_births(client), self._publish_all(client), self._end_in_time())
+        done, pending = await asyncio.wait(map(asyncio.create_task, each), return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
             task.cancel()
         await asyncio.gather(*pending, return_exceptions=True)
         for task in done:
             task.result()
+
+    async def _end_in_time(self) -> None:
+        """Return when the hub is to end although the broker stands still and confirms nothing."""
+        while not self._stop.is_set():
+            await asyncio.sleep(FAST_S)
+        await asyncio.sleep(CONNECTION_TIMEOUT_S)
 
     async def _begin(self, client: Client) -> None:
         """Start a connection: publish that the hub is online, and the first time recall the last verdicts."""

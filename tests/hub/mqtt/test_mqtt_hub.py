@@ -105,25 +105,45 @@ def test_a_broker_that_restarts_gets_everything_again_and_no_verdict_is_lost(roo
     assert running.log.count("no MQTT broker") == 1, running.log
 
 
-def test_a_broker_that_confirms_late_passes_each_event_on_once(room, broker, listener, tmp_path, monkeypatch):
-    monkeypatch.setattr("hub.mqtt.broker.CONNECTION_TIMEOUT_S", 0.5)
+@pytest.fixture
+def hurried(room, broker, listener, tmp_path, monkeypatch):
+    """A hub in this process that waits for half a second where others wait for five; what ends it."""
+    for module in ("broker", "service"):
+        monkeypatch.setattr(f"hub.mqtt.{module}.CONNECTION_TIMEOUT_S", 0.5)
     scene, stop = read_scene(room.scene_file(tmp_path / "room.toml", hub_section(broker.port))), threading.Event()
     serving = threading.Thread(target=serve, args=([scene], stop))
-    serving.start()
-    try:
-        listener.wait_for_state("labanmesh/room/bridge", "online")
-        listener.wait_for(lambda: f"{T}/state" in listener.last)
-        os.kill(broker.pid, signal.SIGSTOP)
-        ids, judged = {room.publish_verdict("ok", number) for number in (1, 2)}, room._seq
-        until(lambda: room._seq > judged + 15, "the broker stood still for much longer than connecting may take")
-        os.kill(broker.pid, signal.SIGCONT)
-        ids.add(room.publish_verdict("maestro", 3))
-        listener.wait_for(lambda: {each["id"] for each in listener.events(f"{T}/verdict")} == ids)
-    finally:
+
+    def end():
         stop.set()
         serving.join(SOON_S)
+
+    serving.start()
+    listener.wait_for_state("labanmesh/room/bridge", "online")
+    listener.wait_for(lambda: f"{T}/state" in listener.last)
+    yield end
+    os.kill(broker.pid, signal.SIGCONT)
+    end()
+
+
+def test_a_broker_that_confirms_late_passes_each_event_on_once(room, broker, listener, hurried):
+    os.kill(broker.pid, signal.SIGSTOP)
+    ids, judged = {room.publish_verdict("ok", number) for number in (1, 2)}, room._seq
+    until(lambda: room._seq > judged + 15, "the broker stood still for much longer than connecting may take")
+    os.kill(broker.pid, signal.SIGCONT)
+    ids.add(room.publish_verdict("maestro", 3))
+    listener.wait_for(lambda: {each["id"] for each in listener.events(f"{T}/verdict")} == ids)
+    hurried()
     listener.wait_for_state("labanmesh/room/bridge", "offline")
     assert len(listener.events(f"{T}/verdict")) == 3
+
+
+def test_a_hub_ends_beside_a_broker_that_stands_still(room, broker, hurried):
+    os.kill(broker.pid, signal.SIGSTOP)
+    judged = room._seq
+    room.publish_verdict("ok", 1)
+    until(lambda: room._seq > judged + 10, "the hub waits for the confirmation")
+    with within(5.0, broker.pid):
+        hurried()
 
 
 def test_when_home_assistant_starts_everything_is_published_again(room, hub, listener):
