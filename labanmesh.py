@@ -268,7 +268,19 @@ def _run(verb: str, words: Sequence[str]) -> int:
     app = app_of(verb, words)
     require_open_files()
     with interruptible() if TAKES_CTRL_C else nullcontext():
-        return call_command(app, words, f"labanmesh {verb}", verb)
+        return call_command(app, words, f"labanmesh {verb}", verb, lambda option: _of_another_form(verb, words, option))
+
+
+def _of_another_form(verb: str, words: Sequence[str], option: str) -> str:
+    """`--process: only with --ready`, or `not with`, if another form of the verb has the option; else ""."""
+    from typer.main import get_command
+
+    forms = [form for of_verb, form in OTHER_FORMS if of_verb == verb]
+    chosen = [form for form in forms if form in words]
+    for form in [""] if chosen else forms:
+        if option in (each for parameter in get_command(app_of(verb, [form])).params for each in parameter.opts):
+            return f"{option}: {f'not with {chosen[0]}' if chosen else f'only with {form}'}"
+    return ""
 
 
 if __name__ == "__main__":

@@ -124,6 +124,20 @@ def test_the_help_of_a_verb_names_the_option_that_turns_it_into_another(run, ver
 
 
 @pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("doctor --process sofa", "doctor: --process: only with --ready; see labanmesh doctor --help"),
+        ("doctor --ready --json", "doctor: --json: not with --ready"),
+        ("evaluate --paper a.npz --views door", "evaluate: --views: not with --paper"),
+        ("watch a.toml --foo", "watch: No such option: --foo"),
+    ],
+)
+def test_an_option_of_another_form_of_a_verb_is_named_as_such(run, words, line):
+    status, _, err = run(*words.split())
+    assert status == 2 and line in err
+
+
+@pytest.mark.parametrize(
     ("typed", "offered"),
     [
         ("labanmesh ca", {"camera", "capture"}),
