@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-Texts = list[str] | None
+from observer.learning.learn_options import Facing, ModelKind, Parameters, Place, Texts
+
 LabelSets = Annotated[Texts, typer.Option(help="Movements separated by commas, or a set as AS1; repeat for more sets.")]
 BodyParts = Annotated[str, typer.Option(help="Parts to use, separated by commas; default: all that are recorded.")]
 TrainSubjects = Annotated[str, typer.Option(help="People to learn from; default: every other one.")]
@@ -25,20 +26,8 @@ class EvaluateOptions:
     views: Annotated[
         str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG] or camera files, separated by commas.")
     ] = ""
-    place: Annotated[
-        str,
-        typer.Option(
-            help="X,Z or X,Y,Z: where people stand in the room of the camera files, metres; Y: height of the head."
-        ),
-    ] = ""
-    facing: Annotated[
-        float | None,
-        typer.Option(
-            min=-36_000,
-            max=36_000,
-            help="Degrees that people are turned to the left of the direction towards yaw:0 of that room.",
-        ),
-    ] = None
+    place: Place = ""
+    facing: Facing = None
     sensor: Annotated[
         Texts,
         typer.Option(
@@ -50,9 +39,9 @@ class EvaluateOptions:
     train_subjects: TrainSubjects = ""
     test_subjects: TestSubjects = ""
     leave_one_subject_out: LeaveOneSubjectOut = False
-    model: Annotated[str, typer.Option(help="stacked (default), phase or frame-table.")] = "stacked"
+    model: ModelKind = "stacked"
     rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product"
-    parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")] = None
+    parameter: Parameters = None
     turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0"
     fault: Annotated[Texts, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")] = None
     uncalibrated: Annotated[

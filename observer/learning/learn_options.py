@@ -9,6 +9,24 @@ import typer
 from common.text import split_list
 
 Texts = list[str] | None
+Place = Annotated[
+    str,
+    typer.Option(
+        help="X,Z or X,Y,Z: where the person stands in the room of the camera file, metres; Y: height of the head."
+    ),
+]
+Facing = Annotated[
+    float | None,
+    typer.Option(
+        min=-36_000,
+        max=36_000,
+        help="Degrees that the person is turned to the left of the direction towards yaw:0 of that room.",
+    ),
+]
+ModelKind = Annotated[str, typer.Option(help="stacked (default), phase or frame-table.")]
+Parameters = Annotated[
+    Texts, typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated. docs/design/model.md#parameters.")
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,20 +45,8 @@ class LearnOptions:
     view: Annotated[
         str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file; none for 2-D tracks.")
     ] = ""
-    place: Annotated[
-        str,
-        typer.Option(
-            help="X,Z or X,Y,Z: where the person stands in the room of the camera file, metres; Y: height of the head."
-        ),
-    ] = ""
-    facing: Annotated[
-        float | None,
-        typer.Option(
-            min=-36_000,
-            max=36_000,
-            help="Degrees that the person is turned to the left of the direction towards yaw:0 of that room.",
-        ),
-    ] = None
+    place: Place = ""
+    facing: Facing = None
     scene: Annotated[
         Path | None,
         typer.Option(help="In place of --view: a model for each observer of this scene file, with its place, facing."),
@@ -53,7 +59,7 @@ class LearnOptions:
             "seen from the door; may be repeated: one model each, with the same movements."
         ),
     ] = None
-    model: Annotated[str, typer.Option(help="stacked (default), phase or frame-table.")] = ""
+    model: ModelKind = ""
     labels: Annotated[
         str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")
     ] = ""
@@ -81,10 +87,7 @@ class LearnOptions:
         str, typer.Option(help="The movements to use of these archives, separated by commas (default: all).")
     ] = ""
     name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements"
-    parameter: Annotated[
-        Texts,
-        typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated. docs/design/model.md#parameters."),
-    ] = None
+    parameter: Parameters = None
     effort: Annotated[
         bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
     ] = False
