@@ -22,10 +22,7 @@ VALUE_LIMIT = 60
 Place = tuple[str, ...]
 REMOVED_KEYS = {
     "observers.*.preview": "picture_hz on the dashboard and [observers.ID.clips] show what an observer sees",
-    "observers.*.virtual.slow_light": "the virtual camera has no changing light",
-    "observers.*.virtual.sudden_light": "the virtual camera has no changing light",
-    "observers.*.virtual.blur": "the virtual camera has no motion blur",
-    "observers.*.virtual.occluders": "the virtual camera has no occluders",
+    "observers.*.virtual*": "recorded motion is filmed in one room, with the noise of a webcam",
 }
 """Keys of the last release that are gone, and what to do instead; a line stays for one release."""
 

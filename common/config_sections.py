@@ -123,17 +123,6 @@ class PersonConfig(Section):
     facing: Degrees | None = None
 
 
-class VirtualConfig(Section):
-    """[observers.ID.virtual]: the room and camera that render recorded motion for a tracker of pictures.
-
-    The same seed gives the same pictures.
-    """
-
-    background: Literal["plain", "cluttered", "skin_toned"] = "plain"
-    noise: Annotated[float, Field(ge=0, le=64)] = 2.0
-    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
-
-
 class ClipsConfig(Section):
     """[observers.ID.clips]: a short film of each verdict, kept on the observer's own machine.
 
@@ -191,7 +180,6 @@ class ObserverConfig(Section):
     say: Literal["each frame", "on change"] = "each frame"
     place: Place | None = None
     facing: Degrees | None = None
-    virtual: VirtualConfig = VirtualConfig()
     clips: ClipsConfig = ClipsConfig()
 
     @model_validator(mode="after")

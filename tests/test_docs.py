@@ -30,7 +30,6 @@ from common.config_sections import (
     ObserverConfig,
     PersonConfig,
     TeachingConfig,
-    VirtualConfig,
 )
 from common.config_watch import FallenConfig, WatchConfig
 from common.vocabulary import Vocabulary
@@ -288,7 +287,6 @@ SECTIONS = {
     "fusion": FusionConfig,
     "observers": None,
     "observers.ID": ObserverConfig,
-    "observers.ID.virtual": VirtualConfig,
     "observers.ID.clips": ClipsConfig,
     "hub": HubConfig,
     "hub.mqtt": MqttConfig,

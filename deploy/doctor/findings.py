@@ -128,16 +128,12 @@ def as_json(findings: Sequence[Finding], labanmesh: str, settings: Sequence[Effe
 def settings_in_force(
     scene: "Scene", table: Mapping[str, Any], environment: Mapping[str, str]
 ) -> list[EffectiveSetting]:
-    """Every key of `scene`, which was read from `table`, the file as TOML has it, and the environment.
-
-    Of the keys of virtual cameras only those that are set: most scenes have none.
-    """
+    """Every key of `scene`, which was read from `table`, the file as TOML has it, and the environment."""
     settings = []
     for place, value in _leaves(scene.model_dump()):
         variable = PREFIX + "_".join(place).upper().replace("-", "_")
         origin = variable if variable in environment else FILE if _is_set(table, place) else DEFAULT
-        if origin != DEFAULT or "virtual" not in place:
-            settings.append(EffectiveSetting(".".join(place), _as_written(value), origin))
+        settings.append(EffectiveSetting(".".join(place), _as_written(value), origin))
     return settings
 
 

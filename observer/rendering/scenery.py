@@ -14,8 +14,8 @@ BACKGROUNDS = ("plain", "cluttered", "skin_toned")
 """A bare wall; shelves and boxes of many colours, none like skin; a beige wall and wood with hues near skin."""
 
 
-MOST_NOISE_LEVELS = 64.0
-"""Of 255 grey levels."""
+MOST_NOISE_LEVELS, WEBCAM_NOISE = 64.0, 2.0
+"""Of 255 grey levels: the most, and that of a webcam in a lit room."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -173,11 +173,11 @@ def _require_shown(motion: RecordedMotion, view: View, key: str, pictures: bool)
 
 def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig) -> FrameSource:
     # OpenCV is loaded only by observers that need pictures.
-    from observer.rendering.scenery import Scenery
+    from observer.rendering.scenery import WEBCAM_NOISE, Scenery
     from observer.rendering.virtual_camera import VirtualCamera
 
-    room, size_px = section.virtual, section.size_px or view.size_px or SIZE_PX
-    return VirtualCamera(motion, view, size_px, Scenery(room.background, room.noise), room.seed)
+    size_px = section.size_px or view.size_px or SIZE_PX
+    return VirtualCamera(motion, view, size_px, Scenery(noise=WEBCAM_NOISE))
 
 
 def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: Start) -> FrameSource:

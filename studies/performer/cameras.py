@@ -25,7 +25,7 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.motion.playback import RecordedMotion
 from observer.preview.small_picture import encode_jpeg
-from observer.rendering.scenery import Scenery
+from observer.rendering.scenery import WEBCAM_NOISE, Scenery
 from observer.rendering.virtual_camera import Renderer, VirtualCamera
 from observer.runtime.scene_inputs import use_one_thread
 from observer.tracks import BODY_PARTS, Floats
@@ -38,7 +38,7 @@ from studies.performer.repertoire import SCORES
 PERSON = "1"
 FILM_VIEWS = {"door": "door", "shelf": "yaw:15,pitch:15"}
 """Two views from which the tracker still finds the face."""
-FILM_HZ, SIZE_PX, NOISE, MOST_BYTES = 15.0, (480, 360), 2.0, 50_000
+FILM_HZ, SIZE_PX, MOST_BYTES = 15.0, (480, 360), 50_000
 """Pictures per second, their size, the sensor's noise in grey levels, and the most bytes of a JPEG, which takes a third
 of them. In smaller pictures the tracker finds no face. Both cameras take 0.2 of a core."""
 FILM_REST_S = (2.0, 3.0)
@@ -141,7 +141,6 @@ def write_scene(folder: Path, shown: Recording) -> Path:
         lines += ['tracker = "camshift"', f"rate_hz = {FILM_HZ}", f"size_px = {list(SIZE_PX)}"]
         # Not by what a run costs: that is little, and seems much on a machine with other work to do.
         lines += [f"max_hz = {FILM_HZ}", f"idle_hz = {FILM_HZ}"]
-        lines += [f"[observers.{name}.virtual]", f"noise = {NOISE}"]
     return write_text(folder / "scene.toml", "\n".join(lines) + "\n", ANOTHER_FOLDER)
 
 
@@ -160,7 +159,7 @@ def run(folder: Path, labels: Sequence[str]) -> None:
     file = write_scene(folder, shown)
     motion, performer = RecordedMotion(BODY_PARTS, (shown,)), LivePerformer(PERSON, seed=time.time_ns())
     cameras = {
-        name: Camera(VirtualCamera(motion, parse_view(view), SIZE_PX, Scenery(noise=NOISE)).renderer(shown))
+        name: Camera(VirtualCamera(motion, parse_view(view), SIZE_PX, Scenery(noise=WEBCAM_NOISE)).renderer(shown))
         for name, view in FILM_VIEWS.items()
     }
     stop = threading.Event()

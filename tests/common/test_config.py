@@ -123,7 +123,7 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
         ),
         (
             LEAST + "[observers.cam1.virtual]\nblur = 0.5",
-            "observers.cam1.virtual.blur: this key was removed, delete it; the virtual camera has no motion blur",
+            "observers.cam1.virtual: this key was removed, delete it; recorded motion is filmed in one room",
         ),
         (LEAST + "tls = true", "observers.cam1.tls: unknown key; it belongs below [hub.mqtt]"),
         (

@@ -182,7 +182,7 @@ def test_settings_name_their_origin():
     assert values["mesh.endpoint"] == ('"tcp/10.0.0.1:7447"', "LABANMESH_MESH_ENDPOINT")
     assert values["observers.front-left.view"] == ('"door"', "LABANMESH_OBSERVERS_FRONT_LEFT_VIEW")
     assert values["observers.front-left.source"] == ('"rtsp://cam/..."', "file")
-    assert values["fusion.rule"][1] == "default" and "observers.front-left.virtual.seed" not in values
+    assert values["fusion.rule"][1] == "default"
     findings = check_scene(SceneFacts("s.toml", scene, settings, scene.roster, True, {}))
     assert mark_of(findings, ["mesh.endpoint", "environment variable LABANMESH_MESH_ENDPOINT"]) == "ok"
 

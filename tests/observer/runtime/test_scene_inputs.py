@@ -50,8 +50,7 @@ def test_recorded_motion_can_be_sampled_at_another_rate(opened):
 
 
 def test_a_picture_tracker_gets_a_virtual_camera(opened):
-    room = '[observers.cam1.virtual]\nbackground = "cluttered"'
-    inputs = opened(f'tracker = "camshift"\nspeed = 0\nsize_px = [320, 240]\n{room}')
+    inputs = opened('tracker = "camshift"\nspeed = 0\nsize_px = [320, 240]')
     assert isinstance(inputs.source, VirtualCamera) and isinstance(inputs.tracker.tracker, CamshiftTracker)
     assert not inputs.at_own_rate
     frames = list(inputs.source.frames(threading.Event()))
