@@ -6,6 +6,7 @@ import os
 import random
 import signal
 import subprocess
+import sys
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -21,8 +22,6 @@ from studies.performer import perform
 
 LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
 MOMENTS, LONGEST_S, END_S = 20, 6.0, 1.0
-FIRST_S = 0.3
-"""Python's own start, before any line of ours, prints a stack of its own; it takes .05 s, more on a busy machine."""
 VIEWS = ("--views", "yaw:30,yaw:-45", "--leave-one-subject-out")
 EVALUATE = ("evaluate", "known.npz", *VIEWS, "--jobs", "2")
 SCENE = """scene = "room"
@@ -63,6 +62,13 @@ def started(folder, command):
         env={name: value for name, value in os.environ.items() if name != SUPERVISOR_VARIABLE}, start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )  # fmt: skip
+
+
+def python_start_s():
+    """Python's own start, before any line of ours, prints a stack of its own: twice what it takes at this moment."""
+    began_s = time.monotonic()
+    subprocess.run([sys.executable, "-P", "-c", "import runpy"], check=True)
+    return 2 * (time.monotonic() - began_s)
 
 
 def running_in_group(group):
@@ -121,7 +127,7 @@ def test_ctrl_c_at_a_random_moment(folder, verb):
     moments = random.Random(os.environ.get(SEED, "1"))  # noqa: S311 - moments, no secrets
     slowest_s = 0.0
     for n in range(MOMENTS):
-        at_s = moments.uniform(FIRST_S, LONGEST_S)
+        at_s = python_start_s() + moments.uniform(0.0, LONGEST_S)
         process = started(folder, labanmesh(*(word.format(n=n) for word in VERBS[verb])))
         with suppress(subprocess.TimeoutExpired):
             process.wait(at_s)
