@@ -11,7 +11,6 @@ from fusion.engine.segments import SegmentState
 PAGE = Path(__file__).parents[1] / "docs" / "design" / "fusion.md"
 BEGIN, END = "<!-- from the table: python -m benchmarks.segment_figure -->", "<!-- end of the table -->"
 PUBLISHED = {Effect.DECIDE: "decided", Effect.REVISE: "revised", Effect.END: "ended", Effect.NEXT: "ended"}
-PUBLISHED[Effect.NEXT_NOW] = "ended"
 
 
 def segment_figure() -> None:

@@ -248,11 +248,6 @@ class Conditions:
         pause_ns = PAUSE_S * SECOND_NS if decision is not UNDECIDED and step.state.idle else 0.0
         return self._is_quiet(step, max(FADING * self._hold_ns, pause_ns))
 
-    def _is_moving_on(self, step: SegmentStep) -> bool:
-        # Later than when it would be missed: a movement that is missed in this step begins with the next one.
-        is_late = self._is_quiet(step, FADING * self._hold_ns + 1)
-        return is_late and not step.state.idle and not self._lasts.periodic
-
     def _is_quiet(self, step: SegmentStep, needed_ns: float) -> bool:
         quiet, state = self._quiet, step.state
         return state.moves and quiet is not None and state.at_ns - quiet.since_ns >= needed_ns
@@ -287,7 +282,6 @@ class Event(Enum):
     LEFT = "something else is likelier", lambda _, step: step.state.moves and step.state.idle
     NEXT = "another label is held, since later than the begin", Conditions._is_next
     ANOTHER = "another label is held", Conditions._is_other
-    MOVES_ON = "a movement is likelier again, and its label is not", Conditions._is_moving_on
     PREMATURE = "another label is held before this one can be over, or long afterwards", Conditions._is_premature
     RENAMED = "another label, or something else, was held as rest began", lambda known, _: known.renamed() is not None
     OUTAGE = "an outage is over", lambda _, step: step.is_out

@@ -153,11 +153,6 @@ class Segmenter(Conditions):
         self._begin(since_ns)
         return ended
 
-    def _begin_next_now(self, step: SegmentStep) -> Published:
-        ended = self._end(step, None)
-        self._begin(step.state.at_ns)
-        return ended
-
     def _rest(self, step: SegmentStep) -> Published:
         """Rest begins, or of a periodic movement goes on since it was seen last; what is held then stays."""
         at_ns, quiet = step.state.at_ns, self._quiet if self._lasts.periodic else None
@@ -238,7 +233,6 @@ class Effect(Enum):
     REVISE = "revised", Segmenter._revise
     END = "ended", lambda segmenter, step: segmenter._end(step, segmenter.nameable(step))
     NEXT = "ended; the next begins when its label did", Segmenter._begin_next
-    NEXT_NOW = "ended; the next begins", Segmenter._begin_next_now
 
     def __init__(self, meaning: str, publishes: Callable[[Segmenter, SegmentStep], Published]) -> None:
         self.meaning, self.publishes = meaning, publishes
@@ -274,7 +268,6 @@ TRANSITIONS = (
     Transition((DECIDED,), Event.CONFIRMED, Effect.CONFIRM, DECIDED, 9),
     Transition((DECIDED,), Event.NEXT, Effect.NEXT, MOVING, 7),
     Transition((PASSED,), Event.ANOTHER, Effect.NEXT, MOVING, 7),
-    Transition((PASSED,), Event.MOVES_ON, Effect.NEXT_NOW, MOVING, 7),
     Transition((UNSEEN,), Event.SEEN, Effect.NOTHING, DECIDED, 7),
     Transition((DECIDED, UNSEEN), Event.PREMATURE, Effect.REVISE, DECIDED, 7),
     Transition((DECIDED, PASSED, UNSEEN), Event.MISSED, Effect.END, IDLE, 7),
