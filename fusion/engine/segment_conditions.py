@@ -40,8 +40,8 @@ ENDING_NS = 5.0 * SECOND_NS
 """After a longer outage the same label is another movement (rule 9)."""
 CLEAR_REST = 1.0 - CLEAR_MARGIN
 """Pooled rest, the median of the observers, that is no tie of two that contradict each other (rule 4)."""
-NOTHING, NO_LABEL, UNDECIDED = MovementProgress(0), HeldLabel("", 0, 0, None), MovementDecision("", 0, 0)
-"""In place of a movement, a label and a decision where there is none."""
+NO_LABEL, UNDECIDED = HeldLabel("", 0, 0, None), MovementDecision("", 0, 0)
+"""In place of a label and a decision where there is none."""
 
 IDLE, PASSED = SegmentState.IDLE, SegmentState.PASSED
 ENDING = (SegmentState.ENDING, SegmentState.SETTLED)
@@ -55,7 +55,7 @@ class Conditions:
         self._config, self._hold_ns = config, config.hold_s * SECOND_NS
         self._durations = durations_of(config, vocabulary)
         self.state = IDLE
-        self._movement, self._held = replace(NOTHING, unseen=True), NO_LABEL
+        self._movement, self._held = MovementProgress(0, unseen=True), NO_LABEL
         """While the person is IDLE, the movement has the time and the label of the last end (`after`)."""
         self._heard: Heard | None = None
         self._quiet: Quiet | None = None
@@ -100,8 +100,9 @@ class Conditions:
         before = self._held if self._held_for(self._last_ns) else None
         self._last_ns = state.at_ns
         self._hold(state, self.state in ENDING and state.rests)
-        if self.state is IDLE and self._movement.unseen and state.observed and state.idle:
-            self._movement = replace(self._movement, unseen=False)
+        if self.state is IDLE and self._movement.unseen is state.observed and (state.idle or not state.observed):
+            # Who comes into view is as unknown as the first one.
+            self._movement = replace(self._movement, unseen=not state.observed)
         if self.state is not IDLE and (state.rest < 0.5 or self.state in RESTING):
             self._note_unseen(state)
         met, named = self._held_for(state.at_ns), self._held_for(state.at_ns - state.longer_s * SECOND_NS)
@@ -168,7 +169,9 @@ class Conditions:
         carried = held.label if at_ns - held.last_ns <= NOTICED_NS <= at_ns - held.since_ns else None
         if after_outage_ns is not None and 0 <= at_ns - after_outage_ns < NOTICED_NS:
             carried = ANY
-        last, self._quiet = self._movement if self.state is IDLE else NOTHING, None
+        last, self._quiet = self._movement, None
+        if last.decision is not None:
+            last = MovementProgress(at_ns, after=last.decision.label)
         after = last.after if at_ns - last.began_ns <= NOTICED_NS else ""
         self._movement = MovementProgress(at_ns, None, carried, self.waits, last.unseen, after)
         if held.agreed_ns is not None:

@@ -108,7 +108,7 @@ class MovementProgress:
     """A movement that has not ended: when it began, and the decision, if there is one.
 
     carried: the label that observers held before it began; ANY: any may be. early: it began before each observer had.
-    unseen: it began before the person was seen idle, for the first time or since a decided movement ended (rule 1).
+    unseen: it began before the person was seen idle, since somebody is seen or since a decided movement ended (rule 1).
     after: the label of a movement that ended at most `NOTICED_S` before (rule 1).
     outage_ns: when it was seen last before an outage that may have hidden its end. contested: the last label that would
     have been decided if no observer had voted for another one.

@@ -373,13 +373,21 @@ def test_nothing_begins_where_something_else_is_likelier_than_not():
     assert segmenter.movement is not None
 
 
-@pytest.mark.parametrize(("seen", "ends"), [(False, 0), (True, 1)])
-def test_1_where_nobody_has_been_seen_the_person_has_not_been_seen_at_rest(seen, ends):
+@pytest.mark.parametrize(("unseen", "ends"), [(range(3), 0), (range(3, 6), 0), (range(0), 1)])
+def test_1_where_nobody_was_seen_the_person_has_not_been_seen_at_rest(unseen, ends):
     """The motion is too short for a first movement, and long enough for another one."""
     segmenter, published = Segmenter(CONFIG, NAMES), []
-    for step, part in enumerate([*rest(3), *moving(5), *rest(20)]):
-        published += segmenter.update(state_of(step, part, observed=seen or step >= 3))
+    for step, part in enumerate([*rest(3 + unseen.start), *moving(5), *rest(20)]):
+        published += segmenter.update(state_of(step, part, observed=step not in unseen))
     assert [each.label for each in published] == ["abstain"] * ends
+
+
+@pytest.mark.parametrize(("steps", "ends"), [(3, 1), (8, 2)])
+def test_1_what_is_short_after_something_else_within_a_movement_is_its_end(steps, ends):
+    """The shortest bow takes 1 s: half of it less 0.3 s is 4 steps."""
+    names = Vocabulary(NAMES.labels, movements={"bow": MovementTimes(shortest_s=1.0)})
+    parts = chain(rest(2), sure(20), else_steps(7), moving(steps, "lunge"), rest(20))
+    assert len([d for d in play(list(parts), Segmenter(CONFIG, names)) if d.stage == "ended"]) == ends
 
 
 def test_3_that_all_observers_go_is_no_rest():
