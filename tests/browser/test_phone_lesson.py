@@ -98,5 +98,6 @@ def test_from_the_code_to_the_first_own_movement_recognised(scene, phone, tmp_pa
     print("screenshots:", tmp_path)
     assert whole_s < WHOLE_S
     kinds = {type(read_message(text)).__name__ for text in phone.sniffer.sent}
-    assert kinds == {"Join", "ClockAnswer", "PhoneTracks", "CameraState", "LessonRequest"}
+    # A busy machine may lose the line; the phone then resumes.
+    assert kinds - {"Resume"} == {"Join", "ClockAnswer", "PhoneTracks", "CameraState", "LessonRequest"}
     assert {method for method, _, _ in phone.sniffer.requests} == {"GET"}
