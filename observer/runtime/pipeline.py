@@ -130,7 +130,7 @@ class Observer:
         if frame.repeated and self.tracks is not None:
             return self._posterior(self.tracks)
         tracks = self._tracker.update(frame)
-        if self._ended or self._comes_back(frame, tracks):
+        if self._comes_back(frame, tracks) or self._ended:
             self._begin_again()
         self.tracks, judged = tracks, self._hurry.judges(frame)
         self._captured_ns = frame.captured_ns

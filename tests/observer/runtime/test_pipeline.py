@@ -151,8 +151,9 @@ def test_a_recording_ends_with_its_last_frame_and_the_next_is_watched_anew(resam
         ([frame(0), frame(11, skipped=10)], [2]),
         ([frame(0), frame(1, seen=False), frame(12, skipped=10)], [2, 1]),
         ([frame(30), frame(0)], [2]),
+        ([frame(0, last=True), frame(12), frame(13)], [1, 2]),
     ],
-    ids=["nobody for 1.1 s", "nobody for 1 s", "no picture", "pictures left out", "nobody before", "clock set back"],
+    ids=["nobody for 1.1 s", "for 1 s", "no picture", "pictures left out", "nobody before", "clock back", "recordings"],
 )
 def test_who_comes_after_nobody_was_seen_for_a_second_is_watched_anew(frames, watched):
     observer = Observer(PassThrough(), model := CountingModel())
