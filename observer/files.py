@@ -35,7 +35,7 @@ def write_file(path: Path, content: bytes | memoryview, way_out: str = OTHER_PAT
         else:
             replace_file(path.resolve(), content, mode)
     except OSError as error:
-        reason = str(error.strerror or error)
+        reason = reason_of(error)
         wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
         kind = BadInput if wrong_path else LabanmeshError
         raise kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from error
@@ -46,7 +46,7 @@ def toml_of(path: Path, expected: str) -> dict[str, Any]:
     try:
         return read_toml(path)
     except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror}; {expected}") from None
+        raise BadInput(f"cannot read {path}: {reason_of(error)}; {expected}") from None
     except ValueError as error:
         raise BadInput(f"{path}: not a TOML file: {error}; {expected}") from None
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from common.config import MODELS_VARIABLE, Scene, sound_part
-from common.errors import BadInput, Faults
+from common.errors import BadInput, Faults, reason_of
 from common.message_checks import largest_judgement, require_fits
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -134,7 +134,7 @@ def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, Prefligh
     except subprocess.TimeoutExpired as late:
         return _reports(late.stdout or b""), f"it took longer than {PREFLIGHT_S:g} s"
     except OSError as error:
-        return {}, f"no process could be started: {error.strerror}"
+        return {}, f"no process could be started: {reason_of(error)}"
     last = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
     return _reports(done.stdout), last if done.returncode else ""
 

@@ -13,7 +13,7 @@ import typer
 from common.address import ANY_HOST, Address
 from common.command_options import ForSeconds
 from common.config import read_scene
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from common.tracker_choice import PHONE
 from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
 
@@ -163,7 +163,7 @@ def _token(address: Address, path: Path | None) -> str | None:
     try:
         return checked_token(path.read_text(encoding="utf-8"), where)
     except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not text"
+        reason = reason_of(error) if isinstance(error, OSError) else "not text"
         raise BadInput(f"{where}: {str(reason).lower()}; make it: openssl rand -hex 16 > {path}") from None
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from common.errors import LabanmeshError
+from common.errors import LabanmeshError, reason_of
 from common.files import open_private
 from common.lifecycle import SUPERVISOR_VARIABLE
 from hub.teaching.interface import LOOK_S
@@ -33,7 +33,7 @@ def scene_here(
         # What a home does is for this user alone.
         output = os.fdopen(open_private(log), "w", encoding="utf-8")
     except OSError as error:
-        reason = error.strerror or error
+        reason = reason_of(error)
         raise LabanmeshError(f"cannot write {log}: {reason}; start the scene yourself: labanmesh up {file}") from None
     with output:
         # A session of its own: Ctrl-C is for the lesson, which then ends the scene in order. The scene also ends with a

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from common.text import plural
 from observer.calibration.board import Board
 from observer.calibration.bundle import Optics, RigidTransform
@@ -124,7 +124,7 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
                 raise BadInput(f"{path}: its first line must name the columns {','.join(POINT_COLUMNS)}")
             rows = [_row(path, table.line_num, row) for row in table]
     except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror}; a CSV file x,y,z,u,v is expected") from None
+        raise BadInput(f"cannot read {path}: {reason_of(error)}; a CSV file x,y,z,u,v is expected") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise BadInput(f"{path}: not a CSV file: {error}") from None
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 5)

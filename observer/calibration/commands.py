@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.text import plural
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ def _write(output: Path, cameras: Sequence["CalibratedCamera"]) -> None:
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise LabanmeshError(f"cannot create {output}: {error.strerror}. Choose another folder with -o") from None
+        raise LabanmeshError(f"cannot create {output}: {reason_of(error)}. Choose another folder with -o") from None
     typer.echo("camera            focal px      centre px     position (m)         error px")
     for c in cameras:
         file = CameraModel(c.name, c.matrix, c.image_size_px, c.error_px, c.provenance, c.lens)

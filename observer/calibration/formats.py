@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from common.files import read_text
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
@@ -109,7 +109,9 @@ def read_qualisys(path: Path) -> list[CalibratedCamera]:
     try:
         text = read_text(path)
     except OSError as error:
-        raise BadInput(f"cannot read {path}: {error.strerror}; a Qualisys calibration (.qca.txt) is expected") from None
+        raise BadInput(
+            f"cannot read {path}: {reason_of(error)}; a Qualisys calibration (.qca.txt) is expected"
+        ) from None
     except ValueError as error:
         raise BadInput(f"{path}: {error}; a Qualisys calibration (.qca.txt) is expected") from None
     if "<!ENTITY" in text:

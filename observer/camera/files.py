@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from common import SECOND_NS
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from observer.camera.base import Clock
 from observer.camera.capture import silence_opencv
 from observer.files import write_file
@@ -214,7 +214,7 @@ def _read_bytes(file: Path, count: int = -1) -> bytes:
         with file.open("rb") as stream:
             content = stream.read(count if count >= 0 else PICTURE_BYTES)
     except OSError as error:
-        raise BadInput(f"cannot read {file}: {error.strerror}") from None
+        raise BadInput(f"cannot read {file}: {reason_of(error)}") from None
     if not content:
         raise BadInput(f"{file}: the file is empty: nothing was recorded, or the copy failed")
     return content

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.teaching_messages import EARLIER_LIMIT, EarlierTakes
 from common.vocabulary import LABEL
 from observer.files import remove_file
@@ -76,7 +76,7 @@ class TakesSet:
                 self.note.replace(moved.note)
             self.path.replace(path)
         except OSError as error:
-            raise LabanmeshError(f"{self.path}: cannot be renamed: {error.strerror or error}") from None
+            raise LabanmeshError(f"{self.path}: cannot be renamed: {reason_of(error)}") from None
         return moved
 
     def remove(self) -> None:

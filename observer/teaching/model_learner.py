@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from common.errors import LabanmeshError
+from common.errors import LabanmeshError, reason_of
 from common.teaching_messages import TEACHING_TEXT_LIMIT, LearnedReport, Unwanted
 from observer.files import make_private, remove_file
 from observer.learning.references import CHOSEN
@@ -72,7 +72,7 @@ class ModelLearner:
                 make_private(self._before)
             self._next.replace(self._model)
         except OSError as error:
-            raise LabanmeshError(f"{self._model}: cannot be replaced: {error.strerror or error}") from None
+            raise LabanmeshError(f"{self._model}: cannot be replaced: {reason_of(error)}") from None
         self._due_s, self.learned = time.monotonic() + in_s, None
 
     def ready(self) -> AnyObserver | None:

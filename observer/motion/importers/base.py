@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from common.text import plural
 from observer.motion.archive import LARGEST, MotionArchive
 
@@ -74,7 +74,7 @@ def read_text(path: Path) -> str:
             content = file.read(RECORDING_FILE_LIMIT + 1)
         text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise BadInput(f"{path}: cannot be read: {reason_of(error)}") from error
     except UnicodeDecodeError as error:
         raise BadInput(f"{path}: byte {error.start} is no text; a text file is expected") from error
     if len(content) > RECORDING_FILE_LIMIT:

@@ -104,7 +104,7 @@ def test_a_charuco_board_is_detected_from_behind():
         ("chessboard:2x7:0.06", "at least 3x3"),
         ("chessboard:99999999x99999999:1", "at most 100x100"),
         ("chessboard:4x7:60", "the unit is metres"),
-        ("none.toml", "No such file"),
+        ("none.toml", "no such file"),
     ],
 )
 def test_an_invalid_board_is_rejected(text, message):

@@ -110,7 +110,7 @@ def test_cameras_that_share_the_board_refine_their_lenses(run, tmp_path):
         ("cam1 --board x", "known: chessboard"),
         (f"gone --board {BOARD}", "gone: no such file"),
         (f"cam1 x/cam1 --board {BOARD}", "2 cameras of this name"),
-        ("--points gone.csv", "No such file"),
+        ("--points gone.csv", "no such file"),
         ("--points few.csv", "5 points"),
         ("--points flat.csv", "plane"),
         ("--points words.csv", "words.csv: line 2"),

@@ -94,7 +94,7 @@ def test_an_invalid_file_is_rejected_with_its_key(tmp_path, text, message):
 
 
 def test_an_unreadable_file_is_rejected(tmp_path):
-    with rejected("No such file"):
+    with rejected("no such file"):
         read_camera(tmp_path / "none.toml")
     with rejected("directory"):
         read_camera(tmp_path)
