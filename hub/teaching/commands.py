@@ -109,7 +109,7 @@ def teach(options: TeachOptions) -> None:
     Each observer records its own tracks of the same takes, and learns on its own machine; then all change their
     vocabulary together, and the fusion service follows. Stand still before and after each movement. The takes of a
     movement begin when you stand still before a camera, so that no keyboard is needed. Keys: r repeats a take, d drops
-    it, s skips something else. Ctrl-C ends it; the same command goes on where it stopped.
+    it, s ends the ordinary life. Ctrl-C ends it; the same command goes on where it stopped.
 
     Example: labanmesh teach scene.toml wave point clap
 
