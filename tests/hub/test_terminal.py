@@ -160,6 +160,15 @@ def test_no_line_is_wider_than_the_terminal(make, observers, verdicts, width):
     assert max(map(len, drawn(render(scene(make, observers, verdicts), width), width).splitlines())) <= width
 
 
+@pytest.mark.parametrize(
+    ("observers", "height"), [(2, 18), (2, 24), (4, 19), (4, 20), (4, 22), (4, 24), (4, 50), (6, 30)]
+)
+def test_it_fits_the_terminals_height(make, observers, height):
+    lines = drawn(render(scene(make, observers, 10), 80, height)).splitlines()
+    assert len(lines) <= height
+    assert sum("agree  1.57 bits" in line and "┃" not in line for line in lines) >= min(2, height - 18)
+
+
 @pytest.mark.parametrize(("count", "width", "height"), [(200, 100, 30), (4, 60, 20), (9, 80, 24), (200, 40, 12)])
 def test_fusion_and_those_that_differ_are_visible_in_any_crowd(make, count, width, height):
     text = drawn(render(crowd(make, count), width, height), width)

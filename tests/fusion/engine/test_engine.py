@@ -15,10 +15,9 @@ from engine_stage import (
     sure,
 )
 
-from common import SECOND_NS
 from common.errors import BadInput
 from common.probability import entropy_bits
-from common.vocabulary import ABSTAIN, Vocabulary
+from common.vocabulary import ABSTAIN
 from fusion.engine.segments import last_capture_ns
 
 
@@ -231,20 +230,6 @@ def test_what_was_named_before_a_movement_is_not_decided_when_the_observers_go_j
     scene.step(all_views(sure("punch")), MOVING, 8)
     scene.step(all_views(sure("punch")), REST, 4)
     assert [label for label in scene.labels if label != ABSTAIN] == ["punch", "punch"]
-
-
-def test_all_states_of_a_vote_side_by_side():
-    scene = EngineDriver(["counted", "stale", "late", "silent", "foreign", "invalid"], quorum=1)
-    scene.publish("counted", sure("bow"), 0.1)
-    scene.publish("stale", sure("bow"), 0.1, captured_ns=scene.now_ns - SECOND_NS)
-    scene.publish("late", sure("bow"), 0.1, captured_ns=scene.now_ns - 3 * SECOND_NS)
-    assert scene.publish("foreign", sure("bow"), 0.1, vocabulary=Vocabulary(("a", "b")))
-    scene.engine.roster.reject("invalid", "malformed")
-    votes = scene.fuse().votes
-    assert {name: vote.state for name, vote in votes.items()} == {name: name for name in votes}
-    assert {name for name, vote in votes.items() if vote.label} == {"counted", "stale"}
-    assert scene.engine.roster.rejected["foreign"] == {"foreign_vocabulary": 1}
-    assert scene.engine.roster.rejected["invalid"] == {"malformed": 1}
 
 
 @pytest.mark.parametrize("rule", ALL_RULES)

@@ -197,6 +197,7 @@ def test_positions_are_smoothed_over_a_tenth_of_a_second_on_either_side():
     result = smoothed(positions, 60.0, np.array([0.01, 0.0]))
     np.testing.assert_allclose(result[:, 0], savgol_filter(positions[:, 0], 13, 2, axis=0))
     np.testing.assert_array_equal(result[:, 1], positions[:, 1])
+    np.testing.assert_array_equal(smoothed(positions, 15.0, np.array([0.01, 0.01])), positions)
 
 
 @pytest.mark.parametrize("spread", [0.05, 0.6])
