@@ -81,9 +81,10 @@ class Segmenter(Conditions):
         taken: tuple[Event, ...] = ()
         while (row := self._due(step, taken)) is not None:
             published = (*published, *row.effect.publishes(self, step))
+            was_idle = state.idle or self.state is PASSED
             self.state, taken = row.state, (*taken, row.event)
             if row.state is IDLE:
-                self._finish(state.idle)
+                self._finish(was_idle)
                 break
         if state.repetitions is not None:
             self._count(state)
