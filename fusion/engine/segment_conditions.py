@@ -178,7 +178,7 @@ class Conditions:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
     def _finish(self, is_idle: bool = True) -> None:
-        """End the movement. is_idle: whether the person rests, or does something else."""
+        """End the movement. is_idle: whether the person rests, or does something else, or has done so since."""
         unseen = not is_idle and self._decision is not UNDECIDED
         self._movement = MovementProgress(self._last_ns, unseen=unseen, after=self._decision.label)
         self.state, self._quiet = IDLE, None

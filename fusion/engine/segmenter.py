@@ -81,10 +81,9 @@ class Segmenter(Conditions):
         taken: tuple[Event, ...] = ()
         while (row := self._due(step, taken)) is not None:
             published = (*published, *row.effect.publishes(self, step))
-            was_idle = state.idle or self.state is PASSED
-            self.state, taken = row.state, (*taken, row.event)
+            passed, self.state, taken = self.state is PASSED, row.state, (*taken, row.event)
             if row.state is IDLE:
-                self._finish(was_idle)
+                self._finish(passed or state.idle)
                 break
         if state.repetitions is not None:
             self._count(state)
