@@ -152,8 +152,7 @@ class StackedWatch(Watch):
             segment.over or self._ended,
             self._elapsed,
         )
-        judge = model.stacker.judge_ended if self._ended else model.stacker.judge
-        judged, something_else = judge(self.instant)
+        judged, something_else = model.stacker.judge(self.instant)
         self._something_else = float(something_else)
         self._judged = self._before.mixed(judged, self._something_else, self.rest) if len(rows) else judged
 
