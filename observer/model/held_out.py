@@ -184,7 +184,7 @@ def held_out_results(
     if not ended:
         return stacker, [], None
     instants, truth = Instants.of([one.instant for one in ended]), np.array([one.truth for one in ended])
-    results = [*zip(truth.tolist(), stacker.judge(instants)[0].argmax(axis=1).tolist(), strict=True)]
+    results = [*zip(truth.tolist(), stacker.judge_ended(instants)[0].argmax(axis=1).tolist(), strict=True)]
     if instants.members.shape[-1] < 3:
         return stacker, results, None
     _, something_else = stacker.judge(instants.without(truth))

@@ -152,7 +152,8 @@ class StackedWatch(Watch):
             segment.over or self._ended,
             self._elapsed,
         )
-        judged, something_else = model.stacker.judge(self.instant)
+        judge = model.stacker.judge_ended if self._ended else model.stacker.judge
+        judged, something_else = judge(self.instant)
         self._something_else = float(something_else)
         self._judged = self._before.mixed(judged, self._something_else, self.rest) if len(rows) else judged
 

@@ -19,14 +19,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.probability import softmax
+from common.probability import SMALLEST, softmax
 from observer.tracks import Floats, Integers
 
 MEMBERS = ("phase", "trailing", "running", "ended", "nearest")
 OTHER_CONTEXT = ("one", "over", "elapsed", "unknown")
 CONTEXT = (*OTHER_CONTEXT, *(f"entropy of {member}" for member in MEMBERS if member != "nearest"))
 EVIDENCE = ("one", "odds", "distance", "agreement", "entropy", "smallness")
-BEGIN_UNKNOWN = CONTEXT.index("unknown")
+ENDED, BEGIN_UNKNOWN = MEMBERS.index("ended"), CONTEXT.index("unknown")
 TASK = ("one", "takes", "people", "movements", "other motion")
 """1; the logarithms of the numbers of takes of a movement, of people and of movements, and of 1 + the seconds of other
 motion, from which the members have learned."""
@@ -157,6 +157,17 @@ class Stacker:
         p = softmax((weights[..., None, :] @ instants.members)[..., 0, :])
         odds = (other_context(instants) @ self.other.T * evidence(instants, p)).sum(axis=-1)
         return p, 1 / (1 + np.exp(np.minimum(np.maximum(-odds, -30.0), 30.0)))
+
+    def judge_ended(self, instants: Instants) -> tuple[Floats, Floats]:
+        """The same of recordings that have ended, so that their movements certainly are over.
+
+        The member for ended movements then counts once more, as one of J, where the begin is known: the models of fewer
+        people, by which the weights are learned, are right less often there (docs/results/notebook.md).
+        """
+        p, something_else = self.judge(instants)
+        share = (1 - instants.context[..., BEGIN_UNKNOWN, None]) / len(MEMBERS)
+        logs = np.log(np.maximum(p, SMALLEST))
+        return softmax((1 - share) * logs + share * instants.members[..., ENDED, :]), something_else
 
 
 def other_context(instants: Instants) -> Floats:

@@ -99,6 +99,17 @@ def test_the_posterior_is_the_formulas_of_the_docstring_number_by_number(seed):
     assert judged * (1 - something_else) == pytest.approx([math.exp(score) / total for score in scores])
 
 
+@pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
+def test_after_the_end_the_member_for_ended_movements_counts_once_more_where_the_begin_is_known(known):
+    rng = np.random.default_rng(2)
+    instant, stacker = instant_of(**raw(rng, 4, known, known, known)), stacker_of(rng)
+    p, something_else = stacker.judge(instant)
+    ended, with_ended = stacker.judge_ended(instant)
+    shares = p**0.8 * np.exp(instant.members[MEMBERS.index("ended")]) ** 0.2
+    assert with_ended == something_else, "whether it is a movement is judged as before"
+    assert ended == pytest.approx(shares / shares.sum() if known else p)
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_an_instant_is_what_the_members_say_in_logarithms_shares_and_ratios(seed):
     rng = np.random.default_rng(seed)
