@@ -14,7 +14,7 @@ import numpy as np
 from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import hop_of, tracks_of
 from observer.model.cross_validation import Judged
-from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit
+from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit, shown_by
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,
     RECOGNISABLE,
@@ -184,8 +184,18 @@ def held_out_results(
     if not ended:
         return stacker, [], None
     instants, truth = Instants.of([one.instant for one in ended]), np.array([one.truth for one in ended])
-    results = [*zip(truth.tolist(), stacker.judge_ended(instants)[0].argmax(axis=1).tolist(), strict=True)]
+    p, _ = stacker.judge_ended(instants, _courses(stacker, watched)[[one.example for one in ended]])
+    results = [*zip(truth.tolist(), p.argmax(axis=1).tolist(), strict=True)]
     if instants.members.shape[-1] < 3:
         return stacker, results, None
     _, something_else = stacker.judge(instants.without(truth))
     return stacker, results, float((something_else < 0.5).mean())
+
+
+def _courses(stacker: Stacker, watched: Sequence[Watched]) -> Floats:
+    """(N, M) by example the course of its movement, as `Stacker.judge_ended` wants it."""
+    own = [one for one in watched if one.example >= 0 and one.truth >= 0]
+    shown = shown_by(*stacker.judge(Instants.of([one.instant for one in own])))
+    courses = np.zeros((max(one.example for one in own) + 1, shown.shape[1]))
+    np.add.at(courses, [one.example for one in own], shown)
+    return courses

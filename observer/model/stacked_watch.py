@@ -16,7 +16,7 @@ from observer.model.movement_segment import MovementBefore, MovementSegment
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
 from observer.model.repetitions import RepetitionCounter
-from observer.model.stacker import Instants, instant_of
+from observer.model.stacker import Instants, instant_of, shown_by
 from observer.tracks import Floats, Floats32, Tracks
 
 if TYPE_CHECKING:
@@ -53,6 +53,8 @@ class StackedWatch(Watch):
         self._answers: Floats = np.append(np.zeros(movements), 1.0)
         self._judged: Floats = np.full(movements, 1 / movements)
         self._something_else = 1 / (movements + 1)
+        # Of the judgements since the segment began.
+        self._course: Floats = np.zeros(movements)
         # ln P(movement | one of them) by the trailing windows when the person stopped; None while they move.
         self._log_moved: Floats | None = None
         self._kept = (1 - header.parameters["forget"]) ** (REFERENCE_HZ / header.rate_hz)
@@ -109,6 +111,7 @@ class StackedWatch(Watch):
             if number > 0:
                 self._before.begin(self._judged)
             self._followed, self._judged_over = number, False
+            self._course = np.zeros_like(self._course)
             self._phase = self._model.phase.watch(Onset(known=True))
             for features, still in list(self._recent)[-begun:]:
                 self._phase.step(features, still)
@@ -152,9 +155,11 @@ class StackedWatch(Watch):
             segment.over or self._ended,
             self._elapsed,
         )
-        judge = model.stacker.judge_ended if self._ended else model.stacker.judge
-        judged, something_else = judge(self.instant)
+        judged, something_else = model.stacker.judge(self.instant)
         self._something_else = float(something_else)
+        self._course = self._course + shown_by(judged, something_else)
+        if self._ended:
+            judged, _ = model.stacker.judge_ended(self.instant, self._course)
         self._judged = self._before.mixed(judged, self._something_else, self.rest) if len(rows) else judged
 
     def _hold(self, still: float) -> None:

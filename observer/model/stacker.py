@@ -158,16 +158,30 @@ class Stacker:
         odds = (other_context(instants) @ self.other.T * evidence(instants, p)).sum(axis=-1)
         return p, 1 / (1 + np.exp(np.minimum(np.maximum(-odds, -30.0), 30.0)))
 
-    def judge_ended(self, instants: Instants) -> tuple[Floats, Floats]:
+    def judge_ended(self, instants: Instants, course: Floats) -> tuple[Floats, Floats]:
         """The same of recordings that have ended, so that their movements certainly are over.
 
-        The member for ended movements then counts once more, as one of J, where the begin is known: the models of fewer
-        people, by which the weights are learned, are right less often there (docs/results/notebook.md).
+        Where the begin is known, the course counts as much as the end, at which people may already do what comes after.
+        In the end the member for ended movements counts once more, as one of J: the models of fewer people, by which
+        the weights are learned, are right less often there (docs/results/notebook.md). course (..., M): the sum of
+        `shown_by` all judgements since the begin.
         """
         p, something_else = self.judge(instants)
-        share = (1 - instants.context[..., BEGIN_UNKNOWN, None]) / len(MEMBERS)
+        known, share = 1 - instants.context[..., BEGIN_UNKNOWN, None], 1 / len(MEMBERS)
         logs = np.log(np.maximum(p, SMALLEST))
-        return softmax((1 - share) * logs + share * instants.members[..., ENDED, :]), something_else
+        end = (1 - share) * logs + share * instants.members[..., ENDED, :]
+        both = (end + np.log(np.maximum(course, SMALLEST))) / 2
+        return softmax(known * both + (1 - known) * logs), something_else
+
+
+def shown_by(p: Floats, something_else: Floats) -> Floats:
+    """(..., M), (...) what `Stacker.judge` makes of an instant -> (..., M) what it adds to the course of the movement.
+
+    It is as heavy as it is sure: 1 - the entropy of p, as in EVIDENCE, times P(a movement).
+    """
+    surely = (1 - something_else) * (1 - _entropy(np.log(np.maximum(p, SMALLEST))))
+    result: Floats = surely[..., None] * p
+    return result
 
 
 def other_context(instants: Instants) -> Floats:

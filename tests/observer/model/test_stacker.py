@@ -28,6 +28,7 @@ from observer.model.stacker import (
     StackerRows,
     fit,
     instant_of,
+    shown_by,
     task_of,
 )
 from observer.model.stacker_prior import PRIOR
@@ -100,14 +101,24 @@ def test_the_posterior_is_the_formulas_of_the_docstring_number_by_number(seed):
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
-def test_after_the_end_the_member_for_ended_movements_counts_once_more_where_the_begin_is_known(known):
+def test_after_the_end_the_course_counts_as_much_as_the_end_where_the_begin_is_known(known):
     rng = np.random.default_rng(2)
     instant, stacker = instant_of(**raw(rng, 4, known, known, known)), stacker_of(rng)
     p, something_else = stacker.judge(instant)
-    ended, with_ended = stacker.judge_ended(instant)
-    shares = p**0.8 * np.exp(instant.members[MEMBERS.index("ended")]) ** 0.2
+    course = rng.dirichlet(np.ones(4))
+    ended, with_ended = stacker.judge_ended(instant, 7 * course)
+    at_end = p**0.8 * np.exp(instant.members[MEMBERS.index("ended")]) ** 0.2
+    shares = np.sqrt(course * at_end) if known else p
     assert with_ended == something_else, "whether it is a movement is judged as before"
-    assert ended == pytest.approx(shares / shares.sum() if known else p)
+    assert ended == pytest.approx(shares / shares.sum())
+
+
+def test_what_is_sure_counts_in_the_course_and_something_else_does_not():
+    p = np.array([[0.9, 0.05, 0.05], [1 / 3, 1 / 3, 1 / 3], [0.9, 0.05, 0.05]])
+    entropy = -(0.9 * math.log(0.9) + 0.1 * math.log(0.05)) / math.log(3)
+    shown = shown_by(p, np.array([0.2, 0.2, 1.0]))
+    assert shown[0] == pytest.approx(0.8 * (1 - entropy) * p[0])
+    assert shown[1:] == pytest.approx(0.0)
 
 
 @pytest.mark.parametrize("seed", range(6))

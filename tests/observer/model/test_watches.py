@@ -12,7 +12,7 @@ from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.body_trace import BodyTrace, extent
 from observer.model.nearest_take import NearestTakeWatch
-from observer.model.stacker import LOWEST, instant_of
+from observer.model.stacker import LOWEST, instant_of, shown_by
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, Tracks
 from studies.performer import perform
@@ -69,6 +69,18 @@ def test_the_posterior_is_that_of_the_stacker_from_what_each_member_says(people,
     p, something_else = model.stacker.judge(expected)
     np.testing.assert_allclose(watch.p, p, atol=1e-3)
     assert watch.unlearned.sum() == pytest.approx(float(something_else), abs=2e-3)
+
+
+def test_after_the_end_the_course_since_the_begin_counts_too(people, model):
+    watch, instants = model.watch(Onset(known=True)), []
+    for each in tracks_of(people, 1):
+        watch.update(each)
+        instants += [watch.instant] if watch.instant not in instants else []
+    watch.end()
+    judged = [model.stacker.judge(instant) for instant in [*instants, watch.instant]]
+    course = sum(shown_by(*each) for each in judged)
+    np.testing.assert_allclose(watch.p, model.stacker.judge_ended(watch.instant, course)[0], atol=1e-9)
+    assert watch.unlearned.sum() == pytest.approx(float(judged[-1][1]))
 
 
 def test_in_the_rest_after_a_movement_its_segment_is_not_judged_again(people, model, monkeypatch):
