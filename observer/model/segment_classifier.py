@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Arrays, Example
-from observer.model.body_trace import places_and_differences
+from observer.model.body_trace import places_and_differences, resampled
 from observer.model.logistic import LogisticRegression
 from observer.model.rocket import MiniRocket
-from observer.model.training_rows import LEARNED_FRACTIONS, segment_window
+from observer.model.training_rows import LEARNED_FRACTIONS
 from observer.tracks import Floats32, Integers
 
 LENGTH = 60
@@ -107,3 +107,17 @@ class SegmentTable:
 def _with_length(features: Floats32, frames: NDArray[np.int64]) -> Floats32:
     lengths = np.log(frames.astype(np.float32))[:, None]
     return np.concatenate([features, lengths], axis=1)
+
+
+def segment_window(trace: Floats32, length: int) -> Floats32:
+    """(F, 2 P + 3) from a movement's begin to now -> (2 P, length) positions relative to the body's at the begin.
+
+    All are in body sizes of now: what the size was taken to be in between must not change the motion's shape.
+    """
+    size = trace[:, -1:] / trace[-1, -1]
+    places = trace[:, :-3] * size
+    steps = np.zeros((len(trace), 2), np.float32)
+    steps[1:] = (trace[1:, -3:-1] - trace[:-1, -3:-1]) * size[1:]
+    places.reshape(len(trace), -1, 2)[...] += np.cumsum(steps, axis=0)[:, None]
+    result: Floats32 = resampled(places, length).T
+    return result

@@ -56,6 +56,11 @@ class Instants:
     agreement: Floats
     by_movement: Floats
 
+    @property
+    def other_context(self) -> Floats:
+        """(..., R)"""
+        return self.context[..., : len(OTHER_CONTEXT)]
+
     @classmethod
     def of(cls, instants: Sequence["Instants"]) -> Self:
         """All in one, along a new first axis."""
@@ -155,16 +160,15 @@ class Stacker:
         """(..., M) P(movement | it is one of them), and (...) P(something else)."""
         weights = instants.context @ self.weights.T
         p = softmax((weights[..., None, :] @ instants.members)[..., 0, :])
-        odds = (other_context(instants) @ self.other.T * evidence(instants, p)).sum(axis=-1)
+        odds = (instants.other_context @ self.other.T * evidence(instants, p)).sum(axis=-1)
         return p, 1 / (1 + np.exp(np.minimum(np.maximum(-odds, -30.0), 30.0)))
 
     def judge_ended(self, instants: Instants, course: Floats) -> tuple[Floats, Floats]:
-        """The same of recordings that have ended, so that their movements certainly are over.
+        """The same of recordings that have ended. course (..., M): the sum of `shown_by` their judgements so far.
 
         Where the begin is known, the course counts as much as the end, at which people may already do what comes after.
-        In the end the member for ended movements counts once more, as one of J: the models of fewer people, by which
-        the weights are learned, are right less often there (docs/results/notebook.md). course (..., M): the sum of
-        `shown_by` all judgements since the begin.
+        The member for ended movements counts once more there: the models of fewer people, by which the weights are
+        learned, are right less often (docs/results/notebook.md).
         """
         p, something_else = self.judge(instants)
         known, share = 1 - instants.context[..., BEGIN_UNKNOWN, None], 1 / len(MEMBERS)
@@ -175,19 +179,9 @@ class Stacker:
 
 
 def shown_by(p: Floats, something_else: Floats) -> Floats:
-    """(..., M), (...) what `Stacker.judge` makes of an instant -> (..., M) what it adds to the course of the movement.
-
-    It is as heavy as it is sure: 1 - the entropy of p, as in EVIDENCE, times P(a movement).
-    """
-    surely = (1 - something_else) * (1 - _entropy(np.log(np.maximum(p, SMALLEST))))
-    result: Floats = surely[..., None] * p
-    return result
-
-
-def other_context(instants: Instants) -> Floats:
-    """(..., R)"""
-    context: Floats = instants.context[..., : len(OTHER_CONTEXT)]
-    return context
+    """(..., M), (...) as `Stacker.judge` gives them -> (..., M) p times P(a movement) times 1 - the entropy of p."""
+    surely: Floats = (1 - something_else) * (1 - _entropy(np.log(np.maximum(p, SMALLEST))))
+    return surely[..., None] * p
 
 
 def evidence(instants: Instants, p: Floats) -> Floats:
@@ -263,11 +257,10 @@ class LabelLoss:
     """(J, Q) weights -> weighted cross-entropy of the movements in nats, and its gradient."""
 
     def __init__(self, instants: Instants, truth: Integers, weights: Floats) -> None:
-        n = len(truth)
         # (N, JQ, M): the score is linear in the weights.
         x = instants.context[:, None, :, None] * instants.members[:, :, None, :]
-        self.x = x.reshape(n, -1, x.shape[-1])
-        self._at, self._truth, self.weights = np.arange(n), truth, weights
+        self.x = x.reshape(len(truth), -1, x.shape[-1])
+        self._at, self._truth, self.weights = np.arange(len(truth)), truth, weights
 
     def __call__(self, w: Floats) -> tuple[float, Floats]:
         """(J, Q) -> the loss in nats, (J Q,) its gradient."""
@@ -284,8 +277,7 @@ class ElseLoss:
     """(G, R) weights -> weighted cross-entropy of something else in nats, and its gradient. target: (N,) 0 to 1."""
 
     def __init__(self, instants: Instants, p: Floats, target: Floats, weights: Floats) -> None:
-        x = evidence(instants, p)[:, :, None] * other_context(instants)[:, None, :]
-        self.x = x.reshape(len(target), -1)
+        self.x = (evidence(instants, p)[:, :, None] * instants.other_context[:, None, :]).reshape(len(target), -1)
         self._target, self.weights = target, weights
 
     def __call__(self, w: Floats) -> tuple[float, Floats]:
@@ -304,6 +296,5 @@ def most_probable(loss: "LabelLoss | ElseLoss", mean: Floats, spreads: Floats) -
         value, gradient = loss(mean + z.reshape(mean.shape) * spreads)
         return value + 0.5 * float(z @ z), gradient * spreads.ravel() + z
 
-    z = minimize(negative_log, np.zeros(mean.size), jac=True, method="L-BFGS-B").x
-    result: Floats = mean + z.reshape(mean.shape) * spreads
-    return result
+    best: Floats = minimize(negative_log, np.zeros(mean.size), jac=True, method="L-BFGS-B").x
+    return mean + best.reshape(mean.shape) * spreads

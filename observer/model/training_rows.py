@@ -172,17 +172,3 @@ def _other_movement(examples: Sequence[Example], n: int) -> int | None:
         k for k, e in enumerate(examples) if e.movement != examples[n].movement and e.facing == examples[n].facing
     ]
     return others[int(evenly_spread(n) * len(others))] if others else None
-
-
-def segment_window(trace: Floats32, length: int) -> Floats32:
-    """(F, 2 P + 3) from a movement's begin to now -> (2 P, length) positions relative to the body's at the begin.
-
-    All are in body sizes of now: what the size was taken to be in between must not change the motion's shape.
-    """
-    size = trace[:, -1:] / trace[-1, -1]
-    places = trace[:, :-3] * size
-    steps = np.zeros((len(trace), 2), np.float32)
-    steps[1:] = (trace[1:, -3:-1] - trace[:-1, -3:-1]) * size[1:]
-    places.reshape(len(trace), -1, 2)[...] += np.cumsum(steps, axis=0)[:, None]
-    result: Floats32 = resampled(places, length).T
-    return result

@@ -156,8 +156,11 @@ class Observer:
         return self._posterior(self.tracks)
 
     def _comes_back(self, frame: Frame, tracks: Tracks) -> bool:
-        """Whether somebody is seen who was lost; not if the observer only left out the frames in between."""
-        if not tracks.visible.any():
+        """Whether somebody is seen who was lost.
+
+        Not if the observer only left out the frames in between, nor in a recording whose first frame begins a movement.
+        """
+        if self._onset.known or not tracks.visible.any():
             return False
         last_ns, self._seen_ns = self._seen_ns, frame.at_ns
         is_late = frame.skipped > 0 and self.tracks is not None and bool(self.tracks.visible.any())

@@ -17,6 +17,7 @@ from observer.model.base import (
 )
 from observer.model.body_trace import extent
 from observer.model.held_out import STRANGE_FROM, STRANGE_SHARE, Watched, rows_of_fold, stacker_rows, streams_left_out
+from observer.model.segment_classifier import segment_window
 from observer.model.stacked import Stacked
 from observer.model.stacker import BEGIN_UNKNOWN, LOWEST
 from observer.model.training_memory import TrainingMemory
@@ -25,7 +26,6 @@ from observer.model.training_rows import (
     RECOGNISABLE,
     rows_of_examples,
     rows_of_streams,
-    segment_window,
 )
 from observer.model.training_table import TrainingTable
 from observer.tracks import BODY_PARTS, Tracks
