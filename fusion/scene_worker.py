@@ -32,6 +32,7 @@ from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
 OVERLOAD_WAY_OUT = "find out who sends so many (labanmesh doctor), or run fuse on a faster machine"
+SCENES_WAY_OUT = "share the scenes with a second fuse, on another machine or core, under another --id"
 RECEPTION_TIMEOUT_S = 0.3
 """A service that has received no posterior for so long is disconnected itself, rather than the owner silent."""
 TOGETHER_S = 3.0
@@ -95,7 +96,10 @@ class SceneWorker:
         self._clocks = ClockQuerier(self._session, status_keys, service.clock, service.wake, every_s)
         self._vocabulary = encode_vocabulary(scene.scene, vocabulary, service.own)
         self._answer(hand_over)
-        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", OVERLOAD_WAY_OUT)
+        self._keeps_newest = service.polled and scene.people.most == 1
+        way_out = SCENES_WAY_OUT if self._keeps_newest else OVERLOAD_WAY_OUT
+        self._received_s, self._load = service.ticks(), LoadMeter("posteriors", way_out)
+        self._stepped_s = self._received_s
         self._first_ns: int | None = None
 
     def _subscribed(self) -> Inbox | NewestMessages:
@@ -132,9 +136,11 @@ class SceneWorker:
         """Receive `arrivals` and everything else that has arrived; the result has the cases of all people."""
         self._session.poll()
         arrivals = arrivals or self._posteriors.take()
-        self._received_s = self._service.ticks() if arrivals else self._received_s
+        now_s = self._service.ticks()
+        self._received_s = now_s if arrivals else self._received_s
         read = newest(arrivals, NEWEST * len(self._workers))
-        self._load.record(round(self._service.ticks() * SECOND_NS), len(arrivals) - len(read), len(read))
+        missed = len(arrivals) - len(read) + self._replaced(now_s) * len(read)
+        self._load.record(round(now_s * SECOND_NS), missed, len(read))
         posteriors = self._ingest.read(read, self._service.clock())
         of_people = {} if self._by_person is None else self._sorted(self._by_person, list(posteriors))
         each = []
@@ -145,6 +151,11 @@ class SceneWorker:
                 if case is not None:
                     each.append((worker, now_ns, case))
         return StepInput(len(arrivals), len(read), each)
+
+    def _replaced(self, now_s: float) -> int:
+        """How many posteriors of each observer newer ones have replaced since the last step, because it is late."""
+        late_s, self._stepped_s = now_s - self._stepped_s, now_s
+        return max(0, round(late_s * self._scene.fusion.step_hz) - 1) if self._keeps_newest else 0
 
     def finish(self, step: StepInput, pools: Iterator[PooledPosterior]) -> list[VerdictMessage]:
         """Fuse what `collect` returned, and publish the results if this service owns the scene; the verdicts published.
