@@ -16,8 +16,8 @@ from fusion.engine.aged_posterior import AgedPosterior
 from fusion.engine.segments import RepetitionCount, pooled_repetitions
 from observer.geometry.views import parse_view
 from observer.model.body_trace import read_trace
+from observer.model.movement_segment import RepetitionCounter
 from observer.model.periodicity import Oscillation, oscillation_of, with_other_side
-from observer.model.repetitions import RepetitionCounter
 from observer.motion.archive import MotionArchive, Recording, movements_in
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings

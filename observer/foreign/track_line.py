@@ -7,8 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
-from observer.people_rows import detection_of, rows_of_people
-from observer.tracking.person_keeper import PersonKeeper, seen_people
+from observer.tracking.person_keeper import PersonKeeper, detection_of, rows_of_people, seen_people
 from observer.tracks import Frame, Tracks
 
 LARGEST_COORDINATE = 1e12

@@ -13,8 +13,7 @@ from observer.model.base import MovementModel
 from observer.model.body_trace import hop_of, read_trace
 from observer.model.parameters import facings_in
 from observer.motion.archive import MotionArchive, Recording, movements_in
-from observer.motion.placing import placed
-from observer.motion.projected import view_tracks
+from observer.motion.projected import placed, view_tracks
 from observer.score.references import ReferenceTake, ReferenceTakes
 from observer.tracks import other_side
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from observer.model.base import Example, Onset, Stream
 from observer.model.body_trace import hop_of, tracks_of
-from observer.model.cross_validation import Judged
+from observer.model.leaning import Judged
 from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit, shown_by
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,

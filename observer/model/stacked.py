@@ -28,14 +28,12 @@ from observer.model.base import (
 )
 from observer.model.body_trace import EXTENT_S, BodyTrace, hop_of, tracks_of, width_of
 from observer.model.chains import fill_gaps
-from observer.model.cross_validation import with_results
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
-from observer.model.leaning import LEANS_ON, leans_on
+from observer.model.leaning import LEANS_ON, leans_on, with_results
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
-from observer.model.movement_times import oscillations_of, with_times
 from observer.model.nearest_take import NearestTakes
 from observer.model.parameters import Parameter, Positive, facings_in
-from observer.model.periodicity import Oscillation
+from observer.model.periodicity import Oscillation, oscillations_of, with_times
 from observer.model.phase import Phase, posture_reader
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.stacked_watch import StackedWatch

@@ -12,10 +12,9 @@ from common.posterior import Repeated
 from observer.features import REFERENCE_HZ
 from observer.model.base import Onset, Watch
 from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
-from observer.model.movement_segment import MovementBefore, MovementSegment
+from observer.model.movement_segment import MovementBefore, MovementSegment, RepetitionCounter
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
-from observer.model.repetitions import RepetitionCounter
 from observer.model.stacker import Instants, instant_of, shown_by
 from observer.tracks import Floats, Floats32, Tracks
 

@@ -1,17 +1,22 @@
 """Recorded motion as a view sees it: a projective matrix replaces the camera and its tracker.
 
-Tracks of one camera are what it saw; only the view `camera` fits them.
+Tracks of one camera are what it saw; only the view `camera` fits them. For the room of calibrated cameras, people are
+first put where a person will stand in it: archives have axes of their own, x to the performer's right, y up, z to the
+performer's back, and a Kinect's performers stand 2 to 3 m from its origin and face it.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput
+from observer.geometry.placement import PersonPlacement
 from observer.geometry.projection import project
-from observer.geometry.views import THIS_CAMERA, View, parse_view, this_camera
+from observer.geometry.views import THIS_CAMERA, View, parse_view, this_camera, turned
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.tracks import Floats, Frame, Tracks
 
@@ -121,3 +126,54 @@ def frames_of(recording: Recording, start_ns: int = 0) -> Iterator[Frame]:
     interval_ns = SECOND_NS / recording.rate_hz
     for n, positions in enumerate(recording.positions.astype(np.float64)):
         yield Frame(start_ns + round(n * interval_ns), positions)
+
+
+UPRIGHT = 90.0
+"""Percentile of the head's heights in a recording that is its height while the person stands upright."""
+
+
+def placed(archive: MotionArchive, placement: PersonPlacement) -> MotionArchive:
+    """The archive with each person at `placement`, turned in place.
+
+    Each recording is moved so that the mean place of its head on the floor is the placement's; all of them are raised
+    by the same height, which brings the median height of the upright heads to the placement's. Without a part `head`
+    the mean of all parts stands for it.
+    """
+    rows = _head_rows(archive)
+    heights = [_upright_m(recording.positions[:, rows]) for recording in archive.recordings]
+    known = [height for height in heights if math.isfinite(height)]
+    raised_m = placement.head_m - float(np.median(known)) if known else 0.0
+    recordings = []
+    for recording in archive.recordings:
+        centre = _floor_centre(recording.positions, rows)
+        step = np.array([placement.x_m - centre[0], raised_m, placement.z_m - centre[2]])
+        facing = turned(recording.positions, math.radians(placement.facing_deg), centre)
+        recordings.append(replace(recording, positions=(facing + step).astype(np.float32)))
+    return replace(archive, recordings=tuple(recordings))
+
+
+def mean_place(archive: MotionArchive) -> tuple[float, float]:
+    """x and z where the archive's people stand, on average over the recordings, m."""
+    rows = _head_rows(archive)
+    centre = np.mean([_floor_centre(recording.positions, rows) for recording in archive.recordings], axis=0)
+    return float(centre[0]), float(centre[2])
+
+
+def _head_rows(archive: MotionArchive) -> list[int]:
+    """The row of the head, or all rows without one."""
+    parts = archive.body_parts
+    return [parts.index("head")] if "head" in parts else list(range(len(parts)))
+
+
+def _upright_m(heads: NDArray[np.float32]) -> float:
+    """(F, H, 3) -> the height of the upright person's head; NaN if it was never seen."""
+    heights = heads[..., 1][np.isfinite(heads).all(axis=-1)]
+    return float(np.percentile(heights, UPRIGHT)) if len(heights) else math.nan
+
+
+def _floor_centre(positions: NDArray[np.float32], rows: list[int]) -> Floats:
+    """(3,) the mean of the head, or of all parts where the head was never seen."""
+    heads = positions[:, rows]
+    points = heads if np.isfinite(heads).all(axis=-1).any() else positions
+    centre: Floats = points[np.isfinite(points).all(axis=-1)].mean(axis=0, dtype=np.float64)
+    return centre

@@ -1,6 +1,6 @@
 """Recordings of several people in one room, as a view sees them. Pure.
 
-Their rows are those of people_rows.py. The person nearer to the camera covers others: a part behind the trunk or the
+Their rows are those of person_keeper.py. The person nearer to the camera covers others: a part behind the trunk or the
 head of somebody else is not seen.
 """
 
@@ -10,8 +10,7 @@ import numpy as np
 
 from observer.geometry.projection import Floats, oriented, project
 from observer.geometry.views import View
-from observer.people_rows import detection_of, rows_of_people
-from observer.tracking.person_keeper import Detection, PersonKeeper, seen_people
+from observer.tracking.person_keeper import Detection, PersonKeeper, detection_of, rows_of_people, seen_people
 from observer.tracks import Frame, Tracks
 
 TRUNK_M, HEAD_M = 0.16, 0.12

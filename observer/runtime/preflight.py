@@ -86,7 +86,7 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
 
 def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult) -> float | None:
     """Check source and tracker; returns the rate that the model must have, if the source determines it."""
-    from observer.geometry.picture_size import scale_note
+    from observer.geometry.views import scale_note
     from observer.runtime.scene_inputs import open_inputs
 
     if chosen_tracker(section).name == "mediapipe":

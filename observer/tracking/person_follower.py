@@ -7,10 +7,15 @@ for the other: nobody is followed then until APART_S later. Lengths are in heigh
 
 from collections.abc import Callable, Iterator, Sequence
 
-from observer.tracking.company import GROWTH, OTHER_S, SPEED, STEP, Company, OtherPerson
 from observer.tracking.people import (
+    GROWTH,
+    OTHER_S,
+    SPEED,
+    STEP,
     Body,
+    Company,
     FollowRule,
+    OtherPerson,
     PersonModel,
     Pose,
     Rgb,

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from observer.tracking.company import GROWTH, SPEED, STEP
-from observer.tracking.people import Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
+from observer.tracking.people import GROWTH, SPEED, STEP, Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
 from observer.tracking.person_keeper import Detection, PersonKeeper, seen_people
 from observer.tracking.pose import COMPLAINT, NOBODY_S, Hand, landmarks_of, read_pose, require_hand
 from observer.tracking.search_areas import Sweep

@@ -58,7 +58,7 @@ IMPURE = {
         "hub.history.history_file hub.history.keeper hub.history.notes "
         "hub.notify.notification_queue hub.notify.notifying "
         "hub.people_names_file hub.phone.*_file hub.phone.static_pages hub.rights "
-        "observer.*_file observer.calibration.board observer.calibration.formats "
+        "observer.*_file observer.calibration.board observer.calibration.calibrated "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "fusion.preflight observer.runtime.preflight observer.runtime.start_barrier "
         "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
@@ -93,7 +93,6 @@ IMPURE = {
 PURE_ALL_THE_SAME = (
     "observer.camera.base",
     "observer.tracking.person_keeper",
-    "observer.tracking.company",
     "observer.tracking.people",
     "observer.preview.track_doubts",
 )

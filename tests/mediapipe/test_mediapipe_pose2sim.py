@@ -9,7 +9,7 @@ from mediapipe_stage import follow, pictures
 from observer_stage import pose2sim_markers
 
 from labanmesh import main
-from observer.calibration.formats import read_opencv
+from observer.calibration.calibrated import read_opencv
 from observer.calibration.triangulate import triangulate_all
 from observer.geometry.placement import facing_of
 from observer.motion.archive_file import read_archive
