@@ -14,8 +14,8 @@ from common.config_sections import FusionConfig
 from common.posterior import Repeated
 from fusion.engine.aged_posterior import AgedPosterior
 from fusion.engine.segments import RepetitionCount, pooled_repetitions
+from observer.features import read_trace
 from observer.geometry.views import parse_view
-from observer.model.body_trace import read_trace
 from observer.model.movement_segment import RepetitionCounter
 from observer.model.periodicity import Oscillation, oscillation_of, with_other_side
 from observer.motion.archive import MotionArchive, Recording, movements_in

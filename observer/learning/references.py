@@ -7,10 +7,10 @@ import numpy as np
 
 from common.errors import BadInput
 from common.text import nearest
+from observer.features import hop_of, read_trace
 from observer.geometry.placement import PersonPlacement
 from observer.geometry.views import View
 from observer.model.base import MovementModel
-from observer.model.body_trace import hop_of, read_trace
 from observer.model.parameters import facings_in
 from observer.motion.archive import MotionArchive, Recording, movements_in
 from observer.motion.projected import placed, view_tracks

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.message_types import TEXT_LIMIT, MovementTimes
 from common.vocabulary import Vocabulary
+from observer.features import hop_of, width_of
 from observer.files import read_arrays, write_arrays
 from observer.geometry.placement import PersonPlacement, placement_of, unlike
 from observer.geometry.views import THIS_CAMERA, View, is_this_camera
 from observer.model.base import Arrays, Header, MovementModel, array_in
-from observer.model.body_trace import hop_of, width_of
 from observer.model.parameters import check_parameters
 from observer.model.registry import MODELS, find_model
 from observer.motion.archive import HIGHEST_RATE_HZ, LOWEST_RATE_HZ

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.posterior import Repeated
-from observer.features import REFERENCE_HZ
+from observer.features import REFERENCE_HZ, BodyTrace, extent, hop_of, width_of
 from observer.model.base import Onset, Watch
-from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
 from observer.model.movement_segment import MovementBefore, MovementSegment, RepetitionCounter
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.teaching_messages import DOUBTS_LIMIT, TakeDoubt
+from observer.features import read_trace
 from observer.learning.part_selection import parts_to_learn
 from observer.model.base import Example
-from observer.model.body_trace import read_trace
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
 from observer.motion.archive import MotionArchive
 from observer.recording.own_tracks import in_parts

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from observer.features import read_trace
 from observer.geometry.views import parse_view
-from observer.model.body_trace import read_trace
 from observer.model.movement_segment import RepetitionCounter
 from observer.model.periodicity import oscillation_of, period_in
 from observer.motion.archive import movements_in
