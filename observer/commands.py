@@ -38,7 +38,7 @@ def observe(
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
-    from observer.foreign.sources import MeshTracks
+    from observer.foreign import MeshTracks
     from observer.runtime.scene_inputs import follows_one, open_inputs
     from observer.runtime.service import HealthReporter, serve
     from observer.teaching.service import answer_teachers, model_in_force, teachable

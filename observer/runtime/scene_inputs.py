@@ -18,15 +18,14 @@ from common.config import ObserverConfig, Scene
 from common.errors import BadInput
 from common.tracker_choice import MESH_KEY, PHONE, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
-from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
+from observer.foreign import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.placement import PersonPlacement, placement_of
 from observer.geometry.views import View, parse_view, picture_scale
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
-from observer.motion.playback import RecordedMotion, Start
+from observer.motion.playback import BARRIER, RecordedMotion, Start, StartBarrier
 from observer.motion.projected import placed
 from observer.runtime.prepared_tracker import PreparedTracker
-from observer.runtime.start_barrier import BARRIER, StartBarrier
 from observer.tracking.person_keeper import has_several, of_people
 from observer.tracking.registry import built_tracker, tracker_named
 from observer.tracking.tracker_kind import TrackerSettings

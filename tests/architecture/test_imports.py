@@ -48,7 +48,7 @@ IMPURE = {
         "fusion.publisher fusion.same_id fusion.scene_worker fusion.service "
         "fusion.server fusion.standby hub.dashboard.pictures hub.session "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign.sources "
+        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign "
         "studies.replay.playback"
     ),
     "files": (
@@ -60,7 +60,7 @@ IMPURE = {
         "hub.people_names_file hub.phone.*_file hub.phone.static_pages hub.rights "
         "observer.*_file observer.calibration.board observer.calibration.calibrated "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
-        "fusion.preflight observer.runtime.preflight observer.runtime.start_barrier "
+        "fusion.preflight observer.runtime.preflight "
         "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
         "studies.output_files studies.report"
     ),

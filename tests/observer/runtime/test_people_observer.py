@@ -8,7 +8,7 @@ from common import SECOND_NS
 from common.messages import PosteriorMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
-from observer.foreign.track_line import ForeignPeople, frame_of_line
+from observer.foreign import ForeignPeople, frame_of_line
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import THIS_CAMERA_MATRIX, View
 from observer.motion.projected_people import ProjectedPeople
