@@ -22,8 +22,7 @@ from observer.geometry.views import View
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.even_rate import Resampler
-from observer.motion.projected import placed
-from observer.motion.projected_people import ProjectedPeople
+from observer.motion.projected import ProjectedPeople, placed
 from observer.runtime.people_observer import FloorPlacer, PeopleObserver
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.prepared_tracker import PreparedTracker

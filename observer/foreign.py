@@ -21,10 +21,10 @@ from common.errors import BadInput
 from common.inbox import Inbox
 from common.link import Link
 from common.text import plural
-from observer.camera.base import NOMINAL_HZ, Clock, Report, ignore_report
+from observer.camera.base import NOMINAL_HZ, Report, ignore_report
 from observer.motion.playback import FrameSkipper
 from observer.tracking.person_keeper import PersonKeeper, detection_of, rows_of_people, seen_people
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, Clock, Frame, Tracks
 
 LARGEST_COORDINATE = 1e12
 """Of a coordinate, in any unit: the squares of larger ones would overflow float32, and the model would say NaN."""
@@ -131,7 +131,8 @@ class LineTracks:
 
     way_out: what to do when no lines come.
 
-    Of the lines that wait for an observer that is too slow, the newest is delivered (`FrameSkipper`).
+    Of the lines that wait for an observer that is too slow, the newest is delivered (`FrameSkipper`). rate_hz: nominal,
+    each line carries its own time.
     """
 
     name: str
@@ -185,34 +186,15 @@ class LineTracks:
             self.report("degraded" if fault else "running", fault)
 
 
-class _LineSource:
-    """The properties that both sources share."""
-
-    __slots__ = ()
-    lines: LineTracks
-
-    @property
-    def rate_hz(self) -> float:
-        """Nominal: each line carries its own time."""
-        return self.lines.rate_hz
-
-    @property
-    def body_parts(self) -> tuple[str, ...]:
-        """The rows of a frame's content."""
-        return self.lines.body_parts
-
-
-@dataclass(slots=True)
-class PipedTracks(_LineSource):
+class PipedTracks:
     """Tracks as JSON lines on a stream, e.g. the standard input; ends when the stream does.
 
     A thread reads the stream, because a blocking read cannot be stopped.
     """
 
-    stream: BinaryIO
-    lines: LineTracks
-    _queue: "queue.Queue[Line | None]" = field(default_factory=lambda: queue.Queue(QUEUE_LINES))
-    _ended: bool = False
+    def __init__(self, stream: BinaryIO, lines: LineTracks) -> None:
+        self.stream, self.lines, self.rate_hz, self.body_parts = stream, lines, lines.rate_hz, lines.body_parts
+        self._queue, self._ended = queue.Queue[Line | None](QUEUE_LINES), False
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """One frame per line."""
@@ -236,13 +218,12 @@ class PipedTracks(_LineSource):
         return None if self._ended and not lines else lines
 
 
-@dataclass(slots=True)
-class MeshTracks(_LineSource):
+class MeshTracks:
     """Tracks on a Zenoh key, one JSON object a message; never ends by itself. Call `listen` before `frames`."""
 
-    key: str
-    lines: LineTracks
-    _inbox: Inbox = field(default_factory=Inbox)
+    def __init__(self, key: str, lines: LineTracks) -> None:
+        self.key, self.lines, self.rate_hz, self.body_parts = key, lines, lines.rate_hz, lines.body_parts
+        self._inbox = Inbox()
 
     def listen(self, link: Link) -> None:
         """Subscribe to the key on the observer's own link."""

@@ -17,12 +17,12 @@ from observer.files import toml_of, write_file
 from observer.geometry.projection import (
     DISTORTION_SIZES,
     DISTORTION_SIZES_TEXT,
-    Floats,
     LensDistortion,
     check_intrinsic_matrix,
     distorted,
     project,
 )
+from observer.tracks import Floats
 
 
 @dataclass(frozen=True, slots=True, eq=False)

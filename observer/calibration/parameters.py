@@ -13,7 +13,7 @@ from observer.calibration.board import Board
 from observer.calibration.bundle import BoardCorners, RigExtrinsics, RigidTransform, bundle_adjust
 from observer.calibration.calibrated import angle_between
 from observer.calibration.detection import BoardDetection, CameraDetections, speeds
-from observer.geometry.projection import Floats
+from observer.tracks import Floats
 
 FEWEST_PICTURES = 4
 """Each picture of a plane gives two equations for four unknowns and the distortion."""

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.geometry.projection import Floats, oriented, project
+from observer.geometry.projection import oriented, project
+from observer.tracks import Floats
 
 GATE_PX = 20.0
 """Gate for the reprojection error of a camera: twice the error of trackers in pictures 1000 to 2000 px high."""

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.geometry.projection import Floats, oriented
+from observer.geometry.projection import oriented
+from observer.tracks import Floats
 
 HEAD_M = 1.6
 """Height of the middle of a standing person's head above the floor, where it is not known."""

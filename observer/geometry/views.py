@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.camera_file import read_camera
-from observer.geometry.projection import Floats, LensDistortion, parallel_matrix, picture_right
+from observer.geometry.projection import LensDistortion, parallel_matrix, picture_right
+from observer.tracks import Floats, Size
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
@@ -160,8 +161,6 @@ BLOCK_PX = 16
 """Encoders pad pictures to whole blocks at the right and below, or cut these off again: 1088 and 1080 are one size."""
 SAME_SHAPE = 0.005
 """Relative difference of the two scales that rounding explains: 854x480 is 1920x1080."""
-
-Size = tuple[int, int]
 
 
 def picture_scale(view: View, size_px: Size) -> float:

@@ -122,8 +122,8 @@ def _learn_all(parts: Sequence[_Part]) -> None:
 def _learn_movements(part: _Part) -> str:
     """Learn and write one model; what to print about it."""
     from observer.geometry.views import is_this_camera
+    from observer.learning.examples import with_references
     from observer.learning.learn import learn_view, of_one_person
-    from observer.learning.references import with_references
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
 

@@ -20,9 +20,8 @@ from numpy.typing import NDArray
 from common import SECOND_NS
 from common.text import plural
 from observer.motion.archive import Recording
-from observer.tracks import Frame
+from observer.tracks import Clock, Frame
 
-Clock = Callable[[], int]
 Start = int | Callable[[threading.Event], int] | None
 """When playback begins: Unix epoch, ns; or a function that waits until the others are ready and returns that, and ends
 soon when the event is set; or None for now."""

@@ -1,6 +1,6 @@
 """One new recording of a motion archive: its name, its positions and a report of their quality; pure."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from observer.recording.reconstruction import (
     FRONT,
     UP,
     CameraTracks,
+    Progress,
     Reconstruction,
     fill_gaps,
     moving_span,
@@ -67,7 +68,6 @@ def smoothed(positions: Floats, rate_hz: float, noise: Floats) -> Floats:
     return result
 
 
-Progress = Callable[[int, int], None]
 OUTLIER_SHARE = 0.1
 """A camera that is an outlier more often than this gets a line of its own."""
 LITTLE_KNOWN_SHARE = 0.5

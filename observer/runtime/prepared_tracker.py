@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.geometry.views import Size, View, picture_scale, scale_note
-from observer.tracks import Floats, Frame, PersonTracks, Tracker, Tracks, size_of
+from observer.geometry.views import View, picture_scale, scale_note
+from observer.tracks import Floats, Frame, PersonTracks, Size, Tracker, Tracks, size_of
 
 NEVER_SEEN = np.full((1, 2), np.nan)
 RESTING_RUNS = 4

@@ -11,7 +11,7 @@ from common.wire import decode
 from observer.foreign import ForeignPeople, frame_of_line
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import THIS_CAMERA_MATRIX, View
-from observer.motion.projected_people import ProjectedPeople
+from observer.motion.projected import ProjectedPeople
 from observer.runtime.people_observer import FloorPlacer, PeopleObserver
 from observer.runtime.pipeline import Posterior
 from observer.runtime.prepared_tracker import PreparedTracker
