@@ -232,8 +232,7 @@ def resampled(values: NDArray[FloatT], length: int) -> NDArray[FloatT]:
     """(F, C) -> (length, C) at instants evenly from the first frame to the last, linear between frames."""
     before, after, later = _between_frames(len(values), length)
     share: NDArray[FloatT] = later.astype(values.dtype)
-    result: NDArray[FloatT] = values[before] * (1 - share) + values[after] * share
-    return result
+    return values[before] * (1 - share) + values[after] * share
 
 
 @lru_cache(maxsize=256)

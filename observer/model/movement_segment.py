@@ -140,8 +140,7 @@ class MovementBefore:
         self._nothing = min(self._nothing, something_else)
         nothing = self._nothing * rest
         share = nothing / (1 - self._nothing + nothing) if nothing else 0.0
-        result: Floats = (1 - share) * p + share * self._p
-        return result
+        return (1 - share) * p + share * self._p
 
 
 LEAST_RETURN = 0.3

@@ -171,14 +171,12 @@ class StackedWatch(Watch):
 
     def _trailing_answers(self) -> Floats:
         """(M + 1,) ln P by the windows that end now, something else last."""
-        answers: Floats = self._model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
-        return answers
+        return self._model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
 
     @property
     def p(self) -> Floats:
         """(M,) posterior given that it is one of the movements."""
-        p: Floats = (1 - self._doubt) * self._judged + self._doubt / len(self._judged)
-        return p
+        return (1 - self._doubt) * self._judged + self._doubt / len(self._judged)
 
     @property
     def joint(self) -> Floats | None:

@@ -9,18 +9,22 @@ from common.errors import BadInput
 from common.text import plural
 from observer.motion.archive import ARCHIVE_LABEL_RULE, MotionArchive, Recording, is_label
 from observer.recording.own_tracks import shares_text
-from observer.recording.reconstructed_parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
     FRONT,
     UP,
     CameraTracks,
-    Progress,
-    Reconstruction,
     fill_gaps,
     moving_span,
-    px_per_m,
     remove_spikes,
     to_performer_axes,
+)
+from observer.recording.triangulation import (
+    Progress,
+    ReconstructedParts,
+    Reconstruction,
+    camera_rate_hz,
+    px_per_m,
+    reconstruct_parts,
 )
 from observer.tracks import BODY_PARTS, Floats
 

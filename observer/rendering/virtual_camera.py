@@ -51,15 +51,20 @@ class Renderer:
 
     def picture(self, positions: Floats, frame_number: int) -> Picture:
         """(P, 3) left hand, right hand, head in metres, NaN for parts that are not drawn -> (H, W, 3) BGR."""
-        if np.shape(positions) != (len(BODY_PARTS), 3):
-            raise BadInput(f"positions of shape {np.shape(positions)}: ({len(BODY_PARTS)}, 3) is expected")
-        positions, (width, height) = np.asarray(positions, dtype=np.float64), self._size_px
+        canvas = self._drawn(np.asarray(positions, dtype=np.float64))
+        return add_noise(canvas.picture, self._scenery, self._seed, frame_number)
+
+    def _drawn(self, positions: Floats) -> Canvas:
+        """The figure in front of its background."""
+        if positions.shape != (len(BODY_PARTS), 3):
+            raise BadInput(f"positions of shape {positions.shape}: ({len(BODY_PARTS)}, 3) is expected")
+        width, height = self._size_px
         scene = background(self._scenery.background, self._size_px, self._seed).copy()
         canvas = Canvas(scene, np.full((height, width), NOBODY_VALUE, np.uint8))
         body = pose(positions, self._standing or stature(positions[None]))
         if body is not None:
             draw(canvas, self._camera, shapes(body, self._appearance), self._appearance)
-        return add_noise(canvas.picture, self._scenery, self._seed, frame_number)
+        return canvas
 
 
 DISTANCE = 3.5
