@@ -126,14 +126,10 @@ def floor_place(
     at = start = np.array([*expected, 0.0])
     for _ in range(ROUNDS):
         depth = H[2, 0] * at[0] + H[2, 1] * height + H[2, 2] * at[1] + H[2, 3]
-        variance = (depth * SEEN_PX * _is_perspective(H)) ** 2 + (equations[..., 1] * spread) ** 2 * (1 - common)
+        # Centres are in px; those of a parallel view are in metres, as exact as the parts.
+        variance = (depth * SEEN_PX * H[2, :3].any()) ** 2 + (equations[..., 1] * spread) ** 2 * (1 - common)
         variance += (A[..., :2] ** 2).sum(axis=-1) * aside**2
         weights = 1.0 / np.maximum(variance, 1e-12)
         covariance = np.linalg.inv(np.einsum("ek,eki,ekj->ij", weights, A, A) + prior)
         at = covariance @ (np.einsum("ek,eki->i", weights * b, A) + prior @ start)
     return at[:2], covariance[:2, :2] + LEAST_M**2 * np.eye(2)
-
-
-def _is_perspective(H: Floats) -> bool:
-    """Whether centres are in px; those of a parallel view are in metres, as exact as the parts."""
-    return bool(H[2, :3].any())

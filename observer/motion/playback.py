@@ -123,11 +123,6 @@ Show = Callable[[Recording, int, int], NDArray[Any]]
 """Returns the content of frame i of a recording. The last argument numbers the frames of all that is played."""
 
 
-def _positions(recording: Recording, i: int, _number: int) -> NDArray[Any]:
-    positions: NDArray[Any] = recording.positions[i].astype(float)
-    return positions
-
-
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
     """A FrameSource that plays recordings one after the other, as `FramePlayer` does, never ahead of time.
@@ -155,7 +150,7 @@ class RecordedMotion:
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each frame when it is due; ends soon after `stop` is set."""
-        return self.shown(stop, _positions)
+        return self.shown(stop, lambda recording, i, _: recording.positions[i].astype(float))
 
     def shown(self, stop: threading.Event, show: Show) -> Iterator[Frame]:
         """The same frames with other contents, which `show` makes of those that are delivered."""

@@ -104,7 +104,7 @@ class LyingReader:
         if not size > 0:
             return None
         margin = min(self._steep - rise / size, self._low - leg / size, self._stretched_or_flat(rows, size))
-        p = _sigmoid(margin / BORDER_WIDTH)
+        p = 1 / (1 + math.exp(-min(max(margin / BORDER_WIDTH, -50.0), 50.0)))
         self._p = p if is_new else self._p + (p - self._p) * (1 - math.exp(-passed_s / SMOOTH_S))
         return self._p
 
@@ -141,10 +141,6 @@ def _height(rows: Sequence[Sequence[float]], parts: Sequence[int]) -> float:
 def _lowest(rows: Sequence[Sequence[float]], parts: Sequence[int]) -> float:
     """The largest v of the parts; NaN if none is seen."""
     return max((rows[part][1] for part in parts if not math.isnan(rows[part][1])), default=math.nan)
-
-
-def _sigmoid(value: float) -> float:
-    return 1 / (1 + math.exp(-min(max(value, -50.0), 50.0)))
 
 
 HEARTBEAT_NS = SECOND_NS // 2

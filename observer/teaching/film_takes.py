@@ -79,7 +79,8 @@ def add_takes(film: TaughtFilm, inputs: ObserverInputs, takes: TakesFile, person
     if not added and film.label:
         return [_whole(film, recorder, takes, person)]
     if not added:
-        raise BadInput(f"{film.path.name}: nobody was seen in it{_complaint(inputs.tracker)}")
+        complaint = f" ({inputs.tracker.complaint})" if inputs.tracker.complaint else ""
+        raise BadInput(f"{film.path.name}: nobody was seen in it{complaint}")
     return [len(take.positions) / take.rate_hz for take in added]
 
 
@@ -112,10 +113,6 @@ def _whole(film: TaughtFilm, recorder: TracksRecorder, takes: TakesFile, person:
         raise BadInput(f"{name}: shows no {film.label}: nobody moves and then stands still in it")
     takes.add(replace(take, trial=str(takes.free_take(film.label))))
     return seconds
-
-
-def _complaint(tracker: PreparedTracker) -> str:
-    return f" ({tracker.complaint})" if tracker.complaint else ""
 
 
 def labels_of(films: Iterable[TaughtFilm]) -> list[str]:
