@@ -1,7 +1,7 @@
 """Tracks at any times, live or from a file, brought to an even rate as an observer's model sees them. Pure."""
 
 from collections import deque
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from statistics import median
 
@@ -18,11 +18,6 @@ BRIDGED_INTERVALS, WIDEST_BRIDGE_S = 1.5, 0.75
 """A slow camera's bridge follows its own interval, up to 2 Hz; a gap longer than that is no single picture late."""
 INTERVALS, LEAST_INTERVALS = 8, 4
 """The interval is the median of the last eight gaps in which somebody was seen; fewer than four show none."""
-
-
-def usual_interval_s(gaps_s: Collection[float]) -> float:
-    """The interval of a camera's frames. gaps_s: the last INTERVALS between two frames that both show somebody."""
-    return 0.0 if len(gaps_s) < LEAST_INTERVALS else median(gaps_s)
 
 
 def is_bridged(gap_s: float, interval_s: float) -> bool:
@@ -108,7 +103,7 @@ class Resampler:
         gap_s = (at_ns - previous[0]) / SECOND_NS
         if tracks.visible.any() and Tracks(previous[1]).visible.any():
             self._gaps_s.append(gap_s)
-            self.interval_s = usual_interval_s(self._gaps_s)
+            self.interval_s = median(self._gaps_s) if len(self._gaps_s) >= LEAST_INTERVALS else 0.0
         bridged = is_bridged(gap_s, self.interval_s) or (skipped and gap_s <= WIDEST_BRIDGE_S)
         if skipped and bridged and before is not None and _is_steady(before[0], previous[0], at_ns):
             return [Tracks(_curved(before, previous, newest, self._instant_ns(i))) for i in range(first, count)]
