@@ -69,7 +69,7 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
-    from observer.motion.even_rate import Resampler
+    from observer.prepared_tracks import Resampler
     from observer.runtime.people_observer import FloorPlacer, PeopleObserver
     from observer.runtime.pipeline import Observer
     from observer.runtime.scene_inputs import person_in

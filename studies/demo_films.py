@@ -18,8 +18,8 @@ from observer.camera.files import write_film
 from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
-from observer.motion.even_rate import Resampler
 from observer.motion.playback import RecordedMotion, StartBarrier
+from observer.prepared_tracks import Resampler
 from observer.preview.small_picture import STATE_COLOUR, Sighting, small_picture, write_line
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera

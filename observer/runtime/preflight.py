@@ -145,7 +145,7 @@ def _check_model(
 
 def _check_parts(header: "Header", result: PreflightResult, finds: Sequence[str]) -> None:
     """Whether the tracker finds the body parts that the model reads."""
-    from observer.runtime.prepared_tracker import lacking_parts
+    from observer.prepared_tracks import lacking_parts
 
     lacking = [part for part in header.body_parts if finds and part not in finds]
     if not lacking:

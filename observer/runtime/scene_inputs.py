@@ -25,7 +25,7 @@ from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.playback import BARRIER, RecordedMotion, Start, StartBarrier
 from observer.motion.projected import placed
-from observer.runtime.prepared_tracker import PreparedTracker
+from observer.prepared_tracks import PreparedTracker
 from observer.tracking.person_keeper import has_several, of_people
 from observer.tracking.registry import built_tracker, tracker_named
 from observer.tracking.tracker_kind import TrackerSettings

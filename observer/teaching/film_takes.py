@@ -14,8 +14,8 @@ from common.files import expand_home
 from common.teaching_messages import TeachRequest
 from common.tracker_choice import content_of
 from observer.camera.base import kind_of
+from observer.prepared_tracks import PreparedTracker
 from observer.recording.own_tracks import RECORDING_HZ, TracksRecorder, trimmed, watched_parts
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.teaching.take_recorder import SHORTEST_S, TakeRecorder
 from observer.teaching.take_watch import LONGEST_TAKE_S

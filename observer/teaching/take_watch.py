@@ -16,7 +16,7 @@ import numpy as np
 
 from common import SECOND_NS
 from observer.body import BodyFrame, Stillness
-from observer.motion.even_rate import Resampler
+from observer.prepared_tracks import Resampler
 from observer.tracks import Floats, Tracks
 
 MOVES_S = 0.15

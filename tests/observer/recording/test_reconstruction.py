@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from observer_stage import rejected
 
 from observer.geometry.projection import pinhole_matrix, project
-from observer.motion.even_rate import at_even_rate
+from observer.prepared_tracks import at_even_rate
 from observer.recording.new_recording import noise_m, smoothed
 from observer.recording.person_placement import _facing
 from observer.recording.reconstruction import (

@@ -10,8 +10,8 @@ from common.teaching_messages import TaughtPlace, TeachRequest
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import View
 from observer.motion.projected import ProjectedPeople
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.people_observer import FloorPlacer
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.teaching.taught_person import TaughtPerson
 from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY, Frame
