@@ -22,8 +22,8 @@ from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
+from observer.learning.examples import with_references
 from observer.learning.learn import learn_view
-from observer.learning.references import with_references
 from observer.model.base import MovementModel
 from observer.model.stacked import Stacked
 from observer.motion.archive import Recording

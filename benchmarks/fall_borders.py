@@ -19,9 +19,9 @@ from benchmarks.command_line import run_command
 from benchmarks.falls import IN_TIME_S, LEVEL, PEOPLE_WHO_DO_NOT_FALL, RAISED, seen_from, watch
 from benchmarks.simulated_falls import DIRECTIONS_DEG, EVERYDAY, everyday, fall
 from common.errors import BadInput
-from observer.lying import LyingBorders, LyingReader
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import read_archive
+from observer.preview.posture_outlet import LyingBorders, LyingReader
 from observer.tracks import WHOLE_BODY, Floats
 from studies.performer.perform import PEOPLE
 

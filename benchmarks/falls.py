@@ -9,7 +9,7 @@
    the body lies. Then what comes near to a fall: tying shoes, squatting, sitting down on the floor, picking up.
 3. Recordings of people who do not fall, by each view alone and by all together; each is followed by nobody.
 
-Nothing is learned; the numbers of the watch are those of observer/lying.py and fusion/engine/falls.py.
+Nothing is learned; the numbers of the watch are those of observer/preview/posture_outlet.py and fusion/engine/falls.py.
 """
 
 import time
@@ -30,9 +30,9 @@ from common.fall_messages import FallStage
 from fusion.engine.falls import FallDetector
 from observer.geometry.projection import project
 from observer.geometry.views import parse_view
-from observer.lying import LyingBorders, LyingReader
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
+from observer.preview.posture_outlet import LyingBorders, LyingReader
 from observer.tracks import WHOLE_BODY, Floats
 from studies.performer.perform import PEOPLE
 

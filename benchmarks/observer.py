@@ -30,9 +30,9 @@ from observer.geometry.views import parse_view
 from observer.model.base import MovementModel
 from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive, resample
-from observer.motion.even_rate import Resampler
 from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker, frames_of
+from observer.prepared_tracks import Resampler
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder

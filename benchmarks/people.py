@@ -32,11 +32,10 @@ from observer.learning.learn import learn_view
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, Recording, labels_of, movements_in
 from observer.motion.archive_file import read_archive
-from observer.motion.placing import placed
-from observer.motion.projected_people import ProjectedPeople
-from observer.people_rows import of_people
+from observer.motion.projected import ProjectedPeople, placed
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.people_observer import FloorPlacer
-from observer.runtime.prepared_tracker import PreparedTracker
+from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY, Frame
 from studies.trials import strung, with_labels
 

@@ -31,7 +31,7 @@ from observer.geometry.camera_file import CameraModel, write_camera
 from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
-from observer.people_rows import of_people
+from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY
 from studies.demo_scene import free_port
 

@@ -21,13 +21,11 @@ from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, Recording, Span
-from observer.motion.even_rate import Resampler
-from observer.motion.placing import placed
-from observer.motion.projected_people import ProjectedPeople
-from observer.people_rows import of_people
+from observer.motion.projected import ProjectedPeople, placed
+from observer.prepared_tracks import PreparedTracker, Resampler
 from observer.runtime.people_observer import FloorPlacer, PeopleObserver
 from observer.runtime.pipeline import Observer, PosteriorEncoder
-from observer.runtime.prepared_tracker import PreparedTracker
+from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY, Floats, Frame, Tracker
 from studies.performer.perform import minimum_jerk
 from studies.trials import strung

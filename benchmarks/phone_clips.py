@@ -44,7 +44,7 @@ from observer.model.base import MovementModel
 from observer.model.model_file import write_model
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.importers.florence3d import FLORENCE_HZ
-from observer.tracking.cropped_pose import TALL_TORSOS
+from observer.tracking.mediapipe_pose import TALL_TORSOS
 from observer.tracks import BODY_PARTS, Floats
 
 PAUSE = 15

@@ -14,10 +14,10 @@ from common.config_sections import FusionConfig
 from common.posterior import Repeated
 from fusion.engine.aged_posterior import AgedPosterior
 from fusion.engine.segments import RepetitionCount, pooled_repetitions
+from observer.features import read_trace
 from observer.geometry.views import parse_view
-from observer.model.body_trace import read_trace
+from observer.model.movement_segment import RepetitionCounter
 from observer.model.periodicity import Oscillation, oscillation_of, with_other_side
-from observer.model.repetitions import RepetitionCounter
 from observer.motion.archive import MotionArchive, Recording, movements_in
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings

@@ -85,7 +85,7 @@ def up(
 def open_start_barrier(folder: Path, scene: Scene) -> Path:
     """A new folder below `folder`, with a file ID.awaited for each observer that plays a recording in real time.
 
-    There they wait, so that all begin together (observer/runtime/start_barrier.py).
+    There they wait, so that all begin together (observer/motion/playback.py).
     """
     barrier = folder / "barrier"
     barrier.mkdir()

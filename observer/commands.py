@@ -38,9 +38,8 @@ def observe(
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
-    from observer.foreign.sources import MeshTracks
-    from observer.runtime.people_followed import follows_one
-    from observer.runtime.scene_inputs import open_inputs
+    from observer.foreign import MeshTracks
+    from observer.runtime.scene_inputs import follows_one, open_inputs
     from observer.runtime.service import HealthReporter, serve
     from observer.teaching.service import answer_teachers, model_in_force, teachable
 
@@ -70,7 +69,7 @@ def pipeline_of(scene: "Scene", observer: str, inputs: "ObserverInputs", model: 
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
-    from observer.motion.even_rate import Resampler
+    from observer.prepared_tracks import Resampler
     from observer.runtime.people_observer import FloorPlacer, PeopleObserver
     from observer.runtime.pipeline import Observer
     from observer.runtime.scene_inputs import person_in

@@ -1,6 +1,6 @@
 """Frames and tracks: what sources deliver and where trackers find the body parts in it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Protocol
@@ -22,6 +22,8 @@ Picture = NDArray[np.uint8]
 """(H, W, 3) in the order blue, green, red, 0 to 255; row 0 is the top row."""
 Size = tuple[int, int]
 """Width and height of a picture in px, the order of `image_size_px` in a camera file."""
+Clock = Callable[[], int]
+"""Returns nanoseconds: since 1970 for capture times, since any moment for durations."""
 
 BODY_PARTS = ("left_hand", "right_hand", "head")
 """The paper's three: lh, rh and face (section V.A), in the order of every per-part array."""

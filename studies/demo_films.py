@@ -18,14 +18,13 @@ from observer.camera.files import write_film
 from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive import Recording, resample
-from observer.motion.even_rate import Resampler
-from observer.motion.playback import RecordedMotion
+from observer.motion.playback import RecordedMotion, StartBarrier
+from observer.prepared_tracks import Resampler
 from observer.preview.small_picture import STATE_COLOUR, Sighting, small_picture, write_line
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
-from observer.runtime.start_barrier import StartBarrier
 from observer.tracks import Frame, Picture, Size, State, Tracks
 from studies.fusion_engine import FusionEngine, step
 from studies.settings import Progress

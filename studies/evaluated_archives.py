@@ -11,8 +11,7 @@ from observer.geometry.views import View, split_views
 from observer.learning.examples import gather_background
 from observer.motion.archive import MotionArchive, Recording, common_rate, labels_of, resample, select
 from observer.motion.archive_file import read_archive
-from observer.motion.placing import placed
-from observer.motion.projected import require_same_camera, view_of
+from observer.motion.projected import placed, require_same_camera, view_of
 from studies.sensors import performances, read_sensors, with_parts
 
 ALL_PARTS = ("all",)

@@ -16,7 +16,7 @@ from common.config_sections import FusionConfig
 from common.messages import JudgementMessage, VerdictMessage
 from common.vocabulary import ABSTAIN
 from observer.model.base import MovementModel, Onset
-from observer.motion.even_rate import Resampler
+from observer.prepared_tracks import Resampler
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.service import FUSION_STEPS
 from observer.tracks import Floats, Frame, Tracks

@@ -27,7 +27,7 @@ from common.errors import BadInput
 from common.parallel import cores, run_parts
 from common.teaching_messages import SOMEONE
 from common.vocabulary import ABSTAIN
-from observer.learning.folds import of_one_person
+from observer.learning.learn import of_one_person
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, Recording, Span, retime
 from observer.recording.own_tracks import TracksRecorder

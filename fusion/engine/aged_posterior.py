@@ -21,7 +21,7 @@ GAPS = 8
 observer/motion/even_rate has it of pictures)."""
 INTERVALS, SLOWEST_S = 2, 0.75
 """A posterior is fresh for so many usual intervals of its observer (rule 3), but at most for the time over which
-observers themselves take motion to go on (observer/motion/even_rate.py)."""
+observers themselves take motion to go on (observer/prepared_tracks.py)."""
 SESSIONS_LIMIT = 64
 """Past sessions that are remembered per observer."""
 TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")

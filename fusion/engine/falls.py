@@ -17,7 +17,7 @@ from common.fall_messages import FallStage
 from fusion.engine.rest import CLEAR_MARGIN
 
 FIRM_S = 0.2
-"""With the smoothing of the evidence before (observer/lying.py) the person has then lain for .3 s."""
+"""With the smoothing of the evidence before (observer/preview/posture_outlet.py) the person has then lain for .3 s."""
 UP_S = 1.0
 """Who rises a little and lies down again was not up."""
 

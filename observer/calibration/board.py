@@ -13,8 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from common.errors import BadInput
 from observer.camera.files import PICTURES, PictureFolder, Video
 from observer.files import toml_of
-from observer.geometry.projection import Floats
-from observer.tracks import Picture
+from observer.tracks import Floats, Picture
 
 BOARD_FORMS = (
     "chessboard:COLUMNSxROWS:METRES (corners inside the board, e.g. chessboard:4x7:0.06) or a ChArUco file (.toml)"

@@ -15,7 +15,7 @@ from observer.calibration.sparse_least_squares import (
     SparseJacobian,
     least_robust_squares,
 )
-from observer.geometry.projection import Floats
+from observer.tracks import Floats
 
 NOISE_PX = 0.2
 """Standard deviation of a detected corner (measured on sharp and on moving boards: 0.1 to 0.3)."""

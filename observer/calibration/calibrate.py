@@ -17,7 +17,7 @@ from observer.calibration.calibrated import CalibratedCamera
 from observer.calibration.detection import CameraDetections
 from observer.calibration.parameters import FittedLens, solve_extrinsics
 from observer.geometry.dlt import fit_projective_matrix
-from observer.geometry.projection import Floats
+from observer.tracks import Floats
 
 HELD = RigidTransform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 """Board to room when the performer holds it in front of the body, upright, printed side forward."""

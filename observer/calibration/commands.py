@@ -59,7 +59,7 @@ def calibrate(
 
 
 def _read(path: Path) -> list["CalibratedCamera"]:
-    from observer.calibration.formats import read_opencv, read_qualisys
+    from observer.calibration.calibrated import read_opencv, read_qualisys
 
     if path.name.endswith(".qca.txt"):
         return read_qualisys(path)
@@ -159,7 +159,7 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def _write(output: Path, cameras: Sequence["CalibratedCamera"]) -> None:
-    from observer.calibration.formats import write_opencv
+    from observer.calibration.calibrated import write_opencv
     from observer.geometry.camera_file import CameraModel, write_camera
 
     _check_names([camera.name for camera in cameras])

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.calibration.board import Board, Charuco, Chessboard
-from observer.geometry.projection import Floats
-from observer.tracks import Picture, size_of
+from observer.tracks import Floats, Picture, size_of
 
 FEWEST_CORNERS = 6
 """Fewest corners that determine a pose well; a picture with fewer counts as one without a board."""

@@ -13,7 +13,7 @@ from observer.calibration.board import Board
 from observer.calibration.bundle import BoardCorners, RigExtrinsics, RigidTransform, bundle_adjust
 from observer.calibration.calibrated import angle_between
 from observer.calibration.detection import BoardDetection, CameraDetections, speeds
-from observer.geometry.projection import Floats
+from observer.tracks import Floats
 
 FEWEST_PICTURES = 4
 """Each picture of a plane gives two equations for four unknowns and the distortion."""
@@ -51,7 +51,8 @@ def fit_lens(camera: CameraDetections, board: Board) -> FittedLens:
             f"needs {FEWEST_PICTURES}, better 15, tilted in several directions: check --board, or give --lens FILE"
         )
     lens = _fitted(camera, chosen, board)
-    good = [s for s in chosen if lens.errors_px[s.number] <= _limit(list(lens.errors_px.values()))]
+    limit = max(OUTLIER_PX, OUTLIER_TIMES * float(np.median(list(lens.errors_px.values()))))
+    good = [s for s in chosen if lens.errors_px[s.number] <= limit]
     if FEWEST_PICTURES <= len(good) < len(chosen):
         left_out = tuple(s.number for s in chosen if s not in good)
         again = _fitted(camera, good, board)
@@ -68,10 +69,6 @@ def check_plausible(camera: CameraDetections, K: Floats) -> None:
             f"{camera.name}: no plausible lens fits (focal length {K[0, 0]:.0f} px); "
             "take pictures with the board tilted in several directions, over the whole picture"
         )
-
-
-def _limit(errors: list[float]) -> float:
-    return max(OUTLIER_PX, OUTLIER_TIMES * float(np.median(errors)))
 
 
 def _fitted(camera: CameraDetections, chosen: list[BoardDetection], board: Board) -> FittedLens:
@@ -125,7 +122,8 @@ def solve_extrinsics(
             boards.setdefault(number, poses[name].inverse.after(pose))
     corners = [corner for c in cameras for corner in _corners(c, board)]
     refinable = [c for c in cameras if len(cameras) > 1 and c.name in adjust and _has_square_pixels(lenses[c.name])]
-    centres_px = {c.name: _middle(c) for c in refinable}
+    # The centre of the first pixel is at 0.
+    centres_px = {c.name: ((c.image_size_px[0] - 1) / 2, (c.image_size_px[1] - 1) / 2) for c in refinable}
     optics = {name: (lens.K, lens.distortion) for name, lens in lenses.items()}
     refined = bundle_adjust(corners, optics, poses, boards, centres_px)
     for c in cameras:
@@ -146,12 +144,6 @@ def _corners(camera: CameraDetections, board: Board) -> list[BoardCorners]:
 
 def _has_square_pixels(lens: FittedLens) -> bool:
     return bool(abs(lens.K[0, 0] / lens.K[1, 1] - 1) < SQUARE_PIXELS)
-
-
-def _middle(camera: CameraDetections) -> tuple[float, float]:
-    """(u, v) of the middle of the picture; the centre of the first pixel is at 0."""
-    width, height = camera.image_size_px
-    return (width - 1) / 2, (height - 1) / 2
 
 
 def _spanning_tree(board_poses: dict[str, dict[int, RigidTransform]]) -> dict[str, RigidTransform]:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.geometry.projection import Floats
+from observer.tracks import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

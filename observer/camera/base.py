@@ -5,9 +5,6 @@ from typing import Literal
 
 from common.messages import ProcessState
 
-Clock = Callable[[], int]
-"""Returns nanoseconds: since 1970 for capture times, since any moment for durations."""
-
 NOMINAL_HZ = 30.0
 """The rate of a source that states none: a live camera before it is opened, a folder of pictures."""
 

@@ -17,6 +17,7 @@ OPEN_TIMEOUT_MS = 2000
 """Timeout for the first answer of a network camera."""
 READ_TIMEOUT_MS = 1000
 """Timeout for the next picture of a network camera; after it the stream is opened again."""
+TIMEOUTS = (cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS)
 _SILENT = 0  # OpenCV's LOG_LEVEL_SILENT
 
 
@@ -71,7 +72,10 @@ def connect(text: str, rate_hz: float, size_px: Size | None = None) -> OpenCvCam
     silence_opencv()
     kind = kind_of(text)
     try:
-        capture = _open_address(text) if kind == "url" else _open_device(text, kind == "index")
+        if kind == "url":
+            capture = cv2.VideoCapture(text, cv2.CAP_FFMPEG, TIMEOUTS)
+        else:
+            capture = cv2.VideoCapture(int(text)) if kind == "index" else cv2.VideoCapture(text, cv2.CAP_V4L2)
         if not capture.isOpened():
             raise CameraFault(_reason(text))
         if kind != "url":
@@ -110,15 +114,6 @@ def _reason(text: str) -> str:
     if device is not None:
         return f"there is no {device}: is the camera plugged in?"
     return "cannot be opened: is it plugged in, may this user read it, and is no other program using it?"
-
-
-def _open_address(address: str) -> cv2.VideoCapture:
-    timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
-    return cv2.VideoCapture(address, cv2.CAP_FFMPEG, timeouts)
-
-
-def _open_device(text: str, by_index: bool) -> cv2.VideoCapture:
-    return cv2.VideoCapture(int(text)) if by_index else cv2.VideoCapture(text, cv2.CAP_V4L2)
 
 
 def _request(capture: cv2.VideoCapture, rate_hz: float, size_px: Size | None) -> None:

@@ -16,11 +16,10 @@ import numpy as np
 
 from common import SECOND_NS
 from common.errors import BadInput, reason_of
-from observer.camera.base import Clock
 from observer.camera.capture import silence_opencv
 from observer.files import write_file
 from observer.motion.playback import FramePlayer, Start, begin_ns
-from observer.tracks import Frame, Picture, Size, size_of
+from observer.tracks import Clock, Frame, Picture, Size, size_of
 
 log = logging.getLogger("labanmesh.observer")
 

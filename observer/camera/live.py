@@ -18,9 +18,9 @@ from typing import Literal
 from common import SECOND_NS
 from common.backoff import Backoff
 from common.errors import LabanmeshError
-from observer.camera.base import NOMINAL_HZ, CameraFault, Clock, Report, ignore_report
+from observer.camera.base import NOMINAL_HZ, CameraFault, Report, ignore_report
 from observer.camera.capture import Connect, OpenCvCamera
-from observer.tracks import Frame, Picture, Size, size_of
+from observer.tracks import Clock, Frame, Picture, Size, size_of
 
 log = logging.getLogger("labanmesh.observer")
 

@@ -25,11 +25,6 @@ LONGEST_MEASURED_S = 20.0
 """Of a longer movement only the newest part is kept, so that neither memory nor time grows."""
 
 
-def window_frames(rate_hz: float) -> int:
-    """The odd number of frames in STROKE_WINDOW_S at this rate, at least SHORTEST_WINDOW."""
-    return max(2 * round((STROKE_WINDOW_S * rate_hz - 1) / 2) + 1, SHORTEST_WINDOW)
-
-
 @lru_cache(maxsize=16)
 def coefficients(frames: int, rate_hz: float) -> Floats:
     """(4, frames): rows give position, velocity, acceleration and jerk in the middle of the window, per s, s² and s³.
@@ -50,7 +45,8 @@ class Course:
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
         self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
-        self._width = window_frames(rate_hz)
+        # The odd number of frames in the window.
+        self._width = max(2 * round((STROKE_WINDOW_S * rate_hz - 1) / 2) + 1, SHORTEST_WINDOW)
         self._filter = coefficients(self._width, rate_hz)[1:]
         self._capacity = max(round(LONGEST_MEASURED_S * rate_hz), 4 * self._width)
         self._places = np.empty((self._capacity, len(body_parts), 2))

@@ -15,11 +15,11 @@ from observer.files import toml_of, write_file
 from observer.geometry.projection import (
     DISTORTION_SIZES,
     DISTORTION_SIZES_TEXT,
-    Floats,
     LensDistortion,
     check_intrinsic_matrix,
     oriented,
 )
+from observer.tracks import Floats
 
 ORTHOGONAL = 1e-3
 """Tolerance for the rotation that the intrinsic matrix leaves: files hold rounded numbers."""

@@ -6,7 +6,8 @@ import numpy as np
 
 from common.errors import BadInput, LabanmeshError
 from common.text import plural
-from observer.geometry.projection import Floats, oriented, project
+from observer.geometry.projection import oriented, project
+from observer.tracks import Floats
 
 FEWEST_POINTS = 6
 """Eleven unknowns, two equations per point."""

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.text import plural
-
-Floats = NDArray[np.float64]
+from observer.tracks import Floats
 
 ROUNDING = 1e-12
 """A depth below this share of its terms is rounding error: the point is in the camera plane."""

@@ -1,4 +1,7 @@
-"""Views: perspectives by name, and a performer who is turned relative to them."""
+"""Views: perspectives by name, a performer who is turned relative to them, and pictures of another size than a view's.
+
+Pictures of another size are rescaled if the shape is the same, and refused if not.
+"""
 
 import difflib
 import math
@@ -11,7 +14,8 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.camera_file import read_camera
-from observer.geometry.projection import Floats, LensDistortion, parallel_matrix, picture_right
+from observer.geometry.projection import LensDistortion, parallel_matrix, picture_right
+from observer.tracks import Floats, Size
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
@@ -151,3 +155,53 @@ def _degrees(view: str, text: str) -> float:
 def _hint(text: str) -> str:
     near = difflib.get_close_matches(text.lower(), PRINCIPAL_PLANES_DEG, 1)
     return f"did you mean {near[0]}?" if near else f"known: {KNOWN_VIEWS}"
+
+
+BLOCK_PX = 16
+"""Encoders pad pictures to whole blocks at the right and below, or cut these off again: 1088 and 1080 are one size."""
+SAME_SHAPE = 0.005
+"""Relative difference of the two scales that rounding explains: 854x480 is 1920x1080."""
+
+
+def picture_scale(view: View, size_px: Size) -> float:
+    """From pixels of the pictures, which are `size_px` (width, height), to those of the view's camera file.
+
+    1 for views without a size. Raises BadInput for pictures of another shape than the camera file's.
+    """
+    if view.size_px is None or _blocks(view.size_px) == _blocks(size_px):
+        return 1.0
+    across, down = (calibrated / actual for calibrated, actual in zip(view.size_px, size_px, strict=True))
+    if abs(across - down) > SAME_SHAPE * across:
+        width, height = view.size_px
+        raise BadInput(
+            f"pictures of {_text(size_px)} px, but the camera file of {view.name} is for {_text(view.size_px)}, "
+            f"another shape; set size_px = [{width}, {height}] in the scene file, or calibrate again with such pictures"
+        )
+    return across
+
+
+def scale_note(view: View, size_px: Size) -> str:
+    """One line if the pictures are scaled to the camera file; "" if not. Raises BadInput as `picture_scale` does."""
+    scale = picture_scale(view, size_px)
+    if scale == 1.0 or view.size_px is None:
+        return ""
+    return (
+        f"pictures of {_text(size_px)} px are scaled by {scale:.3g} to the {_text(view.size_px)} px of the camera file "
+        f"of {view.name}: right if the camera shows as much in both sizes; if it cuts one out, calibrate again"
+    )
+
+
+def size_advice(view: View, size_px: Size) -> str:
+    """`scale_note`, or why the pictures do not fit the camera file; "" if there is nothing to say."""
+    try:
+        return scale_note(view, size_px)
+    except BadInput as error:
+        return str(error)
+
+
+def _blocks(size_px: Size) -> Size:
+    return -(-size_px[0] // BLOCK_PX), -(-size_px[1] // BLOCK_PX)
+
+
+def _text(size_px: Size) -> str:
+    return f"{size_px[0]}x{size_px[1]}"

@@ -122,9 +122,8 @@ def _learn_all(parts: Sequence[_Part]) -> None:
 def _learn_movements(part: _Part) -> str:
     """Learn and write one model; what to print about it."""
     from observer.geometry.views import is_this_camera
-    from observer.learning.folds import of_one_person
-    from observer.learning.learn import learn_view
-    from observer.learning.references import with_references
+    from observer.learning.examples import with_references
+    from observer.learning.learn import learn_view, of_one_person
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
 
@@ -189,7 +188,7 @@ def _add_movements(
 def _learn_effort(options: LearnOptions, source: "LearningSource") -> None:
     from observer.effort.effort_file import write_effort
     from observer.effort.model import learn_effort
-    from observer.motion.placing import placed
+    from observer.motion.projected import placed
 
     archive = placed(source.archive, source.placement) if source.placement else source.archive
     with ProgressBar("learning"):

@@ -40,7 +40,7 @@ def describe_periods(header: "Header") -> list[str]:
 
 def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
     """For the model of a camera file, where it expects the person; no line for other views."""
-    from observer.motion.placing import mean_place
+    from observer.motion.projected import mean_place
 
     if not header.matrix[2, :3].any():
         return []

@@ -16,13 +16,12 @@ from observer.geometry.views import View
 from observer.learning.examples import ExampleView
 from observer.learning.learn import with_calibration
 from observer.model.base import Example, Header, MovementModel
-from observer.model.cross_validation import held_out_of
+from observer.model.leaning import held_out_of
 from observer.model.parameters import facings_in
 from observer.model.stacked import Stacked
 from observer.model.training_rows import LEARNED_FACINGS
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
-from observer.motion.placing import placed
-from observer.motion.projected import require_view
+from observer.motion.projected import placed, require_view
 
 SAME_VIEW = 1e-6
 """Relative tolerance of two matrices: a view is computed each time and may differ in its last bits."""

@@ -12,7 +12,7 @@ from observer.geometry.placement import PersonPlacement, parse_place, placement_
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
 from observer.learning.learn_options import LearnOptions
-from observer.learning.part_selection import AUTO, parts_to_learn
+from observer.learning.taught_takes import AUTO, parts_to_learn
 from observer.motion.archive import MotionArchive, common_rate, labels_of, select
 from observer.motion.archive_file import read_archive
 from observer.motion.projected import require_same_camera

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from observer.features import hop_of, tracks_of
 from observer.model.base import Example, Onset, Stream
-from observer.model.body_trace import hop_of, tracks_of
-from observer.model.cross_validation import Judged
+from observer.model.leaning import Judged
 from observer.model.stacker import BEGIN_UNKNOWN, Instants, Stacker, StackerPrior, StackerRows, fit, shown_by
 from observer.model.training_rows import (
     LEARNED_FRACTIONS,

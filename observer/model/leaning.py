@@ -1,8 +1,11 @@
-"""Which regions of the body a movement's recognition leans on: what is lost when a region stands still. Pure."""
+"""What the provenance of a model tells of its movements: the results of the cross-validation, and on which regions of
+the body each leans, by what is lost when a region stands still. Pure."""
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +16,7 @@ from observer.tracks import Floats32
 
 if TYPE_CHECKING:
     from observer.model.segment_classifier import SegmentClassifier
+
 
 REGIONS: Mapping[str, tuple[str, ...]] = {
     "left arm": ("left_hand", "left_wrist", "left_elbow"),
@@ -94,3 +98,28 @@ def region_shares(header: Header) -> BodyRegionShares | None:
     of_labels = [rows.get(label, {}) for label in header.vocabulary.labels]
     percent = [[min(100, round(100 * row.get(region, 0.0))) for region in regions] for row in of_labels]
     return BodyRegionShares(hash=header.vocabulary.digest, regions=regions, shares=percent)
+
+
+Judged = tuple[int, int]
+"""Indices of a movement, and of the one as which a model recognised it that had not learned from its performer."""
+
+
+def with_results(header: Header, results: Sequence[Judged], strange_named: float | None = None) -> Header:
+    """The header that tells how many were tried, how many were right, and as what each movement was recognised.
+
+    strange_named: the share of movements that the model does not know which it would name; None if unknown.
+    """
+    labels, table = header.vocabulary.labels, dict[str, Counter[str]]()
+    for truth, judged in results:
+        table.setdefault(labels[truth], Counter())[labels[judged]] += 1
+    counts = {} if strange_named is None else {"strange_named": f"{strange_named:.2f}"}
+    counts |= {"tried": str(len(results)), "right": str(sum(truth == judged for truth, judged in results))}
+    return replace(header, provenance={**header.provenance, **counts, "held_out": json.dumps(table)})
+
+
+def held_out_of(header: Header) -> dict[str, dict[str, int]]:
+    """By movement as what its examples were recognised by models that had not learned from them; {} if unknown."""
+    with suppress(ValueError, AttributeError, TypeError):
+        table = json.loads(header.provenance.get("held_out", "{}"))
+        return {str(truth): {str(label): int(n) for label, n in row.items()} for truth, row in table.items()}
+    return {}

@@ -120,5 +120,4 @@ def _minimise(loss: _Loss, iterations: int) -> Floats32:
         method="L-BFGS-B",
         options={"maxiter": iterations, "maxcor": iterations, "ftol": LEAST_DECREASE},
     )
-    solution: Floats32 = result.x.reshape(shape).astype(np.float32)
-    return solution
+    return result.x.reshape(shape).astype(np.float32)

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features import relative_and_path
 from observer.model.base import Example, evenly_spread
-from observer.model.body_trace import relative_and_path
 from observer.tracks import Floats, Floats32
 
 MOST_TAKES = 60

@@ -11,19 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.body import TRUNK_POINTS
-from observer.features import REFERENCE_HZ, PostureReader, without_motion
-from observer.filtering.chain_filter import ChainFilter, Dynamics
+from observer.features import REFERENCE_HZ, PostureReader, resampled, without_motion
 from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in, with_defaults
-from observer.model.body_trace import resampled
-from observer.model.chains import (
-    PostureEvidence,
-    Postures,
-    RestPostures,
-    complete_chains,
-    fill_gaps,
-)
+from observer.model.chain_filter import ChainFilter, Dynamics, PostureEvidence, Postures, RestPostures
 from observer.model.parameters import FACINGS, Parameter, Positive, Probability
-from observer.tracks import BODY_PARTS, Floats, Tracks
+from observer.tracks import BODY_PARTS, Floats, Integers, Tracks
 
 STEP_SHARES = (0.4, 0.3, 0.15, 0.1, 0.05)
 """P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
@@ -114,7 +106,7 @@ class Phase:
         """The filter before the first frame."""
         dynamics = chain_dynamics(self.header.parameters, self._fifteenths, onset.known)
         shape = self.header.vocabulary.size, self.facings, self._chains.shape[1]
-        return ChainFilter(self._cell_of, *shape, dynamics, onset.known)
+        return ChainFilter(self._cell_of, shape, dynamics, onset.known)
 
     def evidence(self) -> PostureEvidence:
         """The likelihoods of frames that one person shows."""
@@ -156,6 +148,35 @@ class PhaseWatch(Watch):
             self._filter.step(self._evidence.see(features), still)
         else:
             self._filter.step_blind()
+
+
+def fill_gaps(features: Floats) -> Floats:
+    """(F, D) -> the same, gaps filled linearly in time, ends held; a feature that is never seen stays NaN."""
+    frames = np.arange(len(features))
+    filled = features.copy()
+    for column in filled.T:
+        known = np.isfinite(column)
+        if known.any():
+            column[~known] = np.interp(frames[~known], frames[known], column[known])
+    return filled
+
+
+def complete_chains(chains: Floats, movement_of: Integers) -> Floats:
+    """(C, Φ, D) -> the same without NaN: a feature that a chain never shows is the mean of other chains.
+
+    Of those of its movement where they show it, else of all chains, else 0. movement_of: (C,).
+    """
+    result = chains.copy()
+    for chain in np.flatnonzero(~np.isfinite(chains).all(axis=(1, 2))):
+        hole = ~np.isfinite(chains[chain])
+        for others in (chains[movement_of == movement_of[chain]], chains):
+            count = np.isfinite(others).sum(axis=0)
+            mean = np.nansum(others, axis=0) / np.maximum(count, 1)
+            fill = hole & (count > 0)
+            result[chain][fill] = mean[fill]
+            hole &= count == 0
+        result[chain][hole] = 0.0
+    return result
 
 
 def _read(header: Header, example: Example) -> Floats:

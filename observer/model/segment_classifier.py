@@ -10,8 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features import places_and_differences, resampled
 from observer.model.base import Arrays, Example
-from observer.model.body_trace import places_and_differences, resampled
 from observer.model.logistic import LogisticRegression
 from observer.model.rocket import MiniRocket
 from observer.model.training_rows import LEARNED_FRACTIONS

@@ -15,6 +15,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from observer.features import EXTENT_S, BodyTrace, hop_of, tracks_of, width_of
 from observer.model.base import (
     Arrays,
     Example,
@@ -26,17 +27,13 @@ from observer.model.base import (
     array_in,
     with_defaults,
 )
-from observer.model.body_trace import EXTENT_S, BodyTrace, hop_of, tracks_of, width_of
-from observer.model.chains import fill_gaps
-from observer.model.cross_validation import with_results
 from observer.model.held_out import held_out_results, rows_of_fold, streams_left_out
-from observer.model.leaning import LEANS_ON, leans_on
+from observer.model.leaning import LEANS_ON, leans_on, with_results
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
-from observer.model.movement_times import oscillations_of, with_times
 from observer.model.nearest_take import NearestTakes
 from observer.model.parameters import Parameter, Positive, facings_in
-from observer.model.periodicity import Oscillation
-from observer.model.phase import Phase, posture_reader
+from observer.model.periodicity import Oscillation, oscillations_of, with_times
+from observer.model.phase import Phase, fill_gaps, posture_reader
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.stacked_watch import StackedWatch
 from observer.model.stacker import Stacker, task_of
@@ -55,7 +52,7 @@ class Stacked(LearnsStreams):
     """The members and the stacker of one view.
 
     lengths (M,): median frames of a movement's examples; extents (M,): how far the farthest part usually goes within
-    `body_trace.EXTENT_S`, body sizes; usual_posture (2 P,): where the parts usually are, relative to the body.
+    `features.EXTENT_S`, body sizes; usual_posture (2 P,): where the parts usually are, relative to the body.
     """
 
     kind: ClassVar[str] = "stacked"

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.posterior import Repeated
-from observer.features import REFERENCE_HZ
+from observer.features import REFERENCE_HZ, BodyTrace, extent, hop_of, width_of
 from observer.model.base import Onset, Watch
-from observer.model.body_trace import BodyTrace, extent, hop_of, width_of
-from observer.model.movement_segment import MovementBefore, MovementSegment
+from observer.model.movement_segment import MovementBefore, MovementSegment, RepetitionCounter
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
-from observer.model.repetitions import RepetitionCounter
 from observer.model.stacker import Instants, instant_of, shown_by
 from observer.tracks import Floats, Floats32, Tracks
 
@@ -173,14 +171,12 @@ class StackedWatch(Watch):
 
     def _trailing_answers(self) -> Floats:
         """(M + 1,) ln P by the windows that end now, something else last."""
-        answers: Floats = self._model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
-        return answers
+        return self._model.trailing_answers.log_probabilities(self._trailing.features()).astype(float)
 
     @property
     def p(self) -> Floats:
         """(M,) posterior given that it is one of the movements."""
-        p: Floats = (1 - self._doubt) * self._judged + self._doubt / len(self._judged)
-        return p
+        return (1 - self._doubt) * self._judged + self._doubt / len(self._judged)
 
     @property
     def joint(self) -> Floats | None:

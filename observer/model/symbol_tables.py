@@ -1,19 +1,84 @@
-"""`frame-table`: the paper's own model of Vector Symbols, (2) to (6) to the letter.
+"""`frame-table`: the paper's own model of Laban's Space as Vector Symbols, (1) to (6) to the letter.
 
-It must be told where a movement begins and ends.
+Vector Symbols discard position and magnitude. The model must be told where a movement begins and ends.
 """
 
+import math
 from collections.abc import Mapping, Sequence
+from enum import IntEnum
 from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import softmax
-from observer.features import SpaceReader, Symbols, VectorSymbol
+from observer.features import BodySize
 from observer.model.base import Arrays, Example, Header, Onset, Watch, array_in, with_defaults
 from observer.model.parameters import Parameter, Positive
 from observer.tracks import Floats, Tracks
+
+Symbols = NDArray[np.int8]
+
+
+class VectorSymbol(IntEnum):
+    """The nine values of B in the order of (1), clockwise from up: R is image right, U is image up.
+
+    NOT_SEEN is none of the nine: the motion is unknown, so that all nine are equally likely. O is seen to be
+    still.
+    """
+
+    NOT_SEEN = -1
+    O = 0  # noqa: E741 - the paper's letter
+    U = 1
+    UR = 2
+    R = 3
+    DR = 4
+    D = 5
+    DL = 6
+    L = 7
+    UL = 8
+
+
+def vector_symbols(displacements: Floats, size: float, threshold: float) -> Symbols:
+    """(..., 2) displacements in the image, v down -> (...) int8 symbols (section III.A).
+
+    Bins of 45° centred on the axes. Displacements shorter than threshold * size are O; size: the body's, in the
+    displacements' unit. NOT_SEEN where a displacement is NaN, and everywhere while the size is NaN (not known yet).
+    """
+    finite: NDArray[np.bool_] = np.isfinite(displacements)
+    known = np.logical_and.reduce(finite, axis=-1, keepdims=True) & math.isfinite(size)
+    du, dv = np.moveaxis(np.where(known, displacements, 0.0), -1, 0)
+    length = np.hypot(du, dv)
+    # Without the second condition a threshold of 0 would give stillness a direction.
+    still = (length < threshold * size) | (length == 0)
+    eighths_from_up = np.rint(np.arctan2(du, -dv) / (math.pi / 4)) % 8
+    moved = np.where(still, VectorSymbol.O, VectorSymbol.U + eighths_from_up)
+    return np.where(known[..., 0], moved, VectorSymbol.NOT_SEEN).astype(np.int8)
+
+
+class SpaceReader:
+    """Reads Space from a stream of tracks: one Vector Symbol per body part and frame.
+
+    body_parts: names of the P parts. threshold: shortest motion that counts as one, as a share of the performer's
+    size; it depends on the frame rate and is fitted on training subjects.
+    """
+
+    def __init__(self, body_parts: Sequence[str], threshold: float) -> None:
+        self._body_parts = tuple(body_parts)
+        self._threshold = threshold
+        self._size = BodySize()
+        self._last: Floats | None = None
+
+    def update(self, tracks: Tracks) -> Symbols:
+        """(P,) symbols of the motion since the frame before; NOT_SEEN for a part that was missing now or then.
+
+        All are NOT_SEEN in the first frame, and until a hand was seen together with the head.
+        """
+        size = self._size.update(tracks.centres, self._body_parts)
+        displacements = tracks.centres - (np.nan if self._last is None else self._last)
+        self._last = tracks.centres.copy()
+        return vector_symbols(displacements, size, self._threshold)
+
 
 VECTOR_SYMBOLS = len(VectorSymbol) - 1
 """Those of (1), without NOT_SEEN."""

@@ -1,6 +1,6 @@
 """Features of the motion up to now, over trailing windows of several lengths, from past frames only. Pure.
 
-`TrailingFeatures` describes each trailing window of a trace (`body_trace.py`) by the mean, least, greatest and spread
+`TrailingFeatures` describes each trailing window of a trace (`features.py`) by the mean, least, greatest and spread
 of positions and velocities, and by how often dilated convolutions exceed their biases (`rocket.py`; here causal, and
 counted over windows that end now).
 """
@@ -13,9 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.features import REFERENCE_HZ
+from observer.features import REFERENCE_HZ, relative_and_path
 from observer.model.base import Arrays, array_in
-from observer.model.body_trace import relative_and_path
 from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, biases_of, choose_channels
 from observer.tracks import Floats, Floats32, Integers
 

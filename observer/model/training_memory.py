@@ -1,6 +1,6 @@
 """The examples and streams that a stacked model keeps, so that it can be learned again with other movements.
 
-They are stored as traces (`body_trace.py`), float32: 36 bytes a frame for hands and head. Pure.
+They are stored as traces (`features.py`), float32: 36 bytes a frame for hands and head. Pure.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

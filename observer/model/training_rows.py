@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.body import USUAL_NOISE
+from observer.features import hop_of, resampled
 from observer.model.base import Example, Shown, Stream, evenly_spread, recording_numbers
-from observer.model.body_trace import hop_of, resampled
 from observer.tracks import Floats32, Integers
 
 RECOGNISABLE = 0.35

@@ -9,8 +9,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features import EXTENT_S, extent
 from observer.model.base import Example, Header, Stream
-from observer.model.body_trace import EXTENT_S, extent
 from observer.model.logistic import ITERATIONS, LogisticRegression
 from observer.model.rocket import FLOAT32_ROUNDING
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable

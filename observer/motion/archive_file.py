@@ -22,7 +22,7 @@ from observer.motion.archive import (
     TracksCamera,
     check_archive,
 )
-from observer.motion.even_rate import at_even_rate, spans_at_even_rate
+from observer.prepared_tracks import at_even_rate, spans_at_even_rate
 
 Arrays = dict[str, NDArray[Any]]
 

@@ -58,8 +58,7 @@ def look(
     from common.config import ObserverConfig
     from observer.camera.base import kind_of
     from observer.camera.files import write_picture
-    from observer.geometry.picture_size import size_advice
-    from observer.geometry.views import parse_view
+    from observer.geometry.views import parse_view, size_advice
     from observer.preview.looking import look_at
     from observer.preview.small_picture import small_picture
 

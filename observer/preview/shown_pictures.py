@@ -22,7 +22,7 @@ from observer.tracks import Frame, Tracks
 
 if TYPE_CHECKING:
     from common.link import Link
-    from observer.runtime.prepared_tracker import PreparedTracker
+    from observer.prepared_tracks import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
 

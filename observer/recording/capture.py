@@ -11,7 +11,7 @@ from common import SECOND_NS
 from common.config import Scene
 from common.errors import BadInput
 from common.text import plural
-from observer.foreign.sources import MeshTracks
+from observer.foreign import MeshTracks
 from observer.recording.reconstruction import CameraTracks
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracker

@@ -1,6 +1,6 @@
 """One new recording of a motion archive: its name, its positions and a report of their quality; pure."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,17 +9,22 @@ from common.errors import BadInput
 from common.text import plural
 from observer.motion.archive import ARCHIVE_LABEL_RULE, MotionArchive, Recording, is_label
 from observer.recording.own_tracks import shares_text
-from observer.recording.reconstructed_parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
     FRONT,
     UP,
     CameraTracks,
-    Reconstruction,
     fill_gaps,
     moving_span,
-    px_per_m,
     remove_spikes,
     to_performer_axes,
+)
+from observer.recording.triangulation import (
+    Progress,
+    ReconstructedParts,
+    Reconstruction,
+    camera_rate_hz,
+    px_per_m,
+    reconstruct_parts,
 )
 from observer.tracks import BODY_PARTS, Floats
 
@@ -67,7 +72,6 @@ def smoothed(positions: Floats, rate_hz: float, noise: Floats) -> Floats:
     return result
 
 
-Progress = Callable[[int, int], None]
 OUTLIER_SHARE = 0.1
 """A camera that is an outlier more often than this gets a line of its own."""
 LITTLE_KNOWN_SHARE = 0.5

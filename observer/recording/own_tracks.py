@@ -12,7 +12,7 @@ from common.errors import BadInput
 from common.text import plural
 from observer.body import Stillness
 from observer.motion.archive import Recording
-from observer.motion.even_rate import at_even_rate
+from observer.prepared_tracks import at_even_rate
 from observer.tracks import BODY_PARTS, Floats, Floats32, Frame, Tracks
 
 RECORDING_HZ = 15.0

@@ -8,8 +8,8 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.geometry.placement import PersonPlacement, facing_of
-from observer.recording.reconstructed_parts import reconstruct_parts
-from observer.recording.reconstruction import CameraTracks, Progress, remove_spikes
+from observer.recording.reconstruction import CameraTracks, remove_spikes
+from observer.recording.triangulation import Progress, reconstruct_parts
 from observer.tracks import Floats
 
 PLACING_HZ = 10.0

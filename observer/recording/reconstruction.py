@@ -1,6 +1,6 @@
-"""From several cameras' tracks to positions in the performer's axes: resampling, triangulation, repair; pure."""
+"""Several cameras' tracks at common instants, and the repair of triangulated positions; the performer's axes; pure."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,14 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.calibration.triangulate import GATE_PX, triangulate_all
-from observer.geometry.projection import project
 from observer.tracks import Floats
 
 TRACK_GAP_S = 0.2
 """Longest gap that is interpolated in a camera's tracks: in a longer one a hand may have gone there and back."""
-BLOCK = 500
-"""Instants that are triangulated at once."""
 SAME_S = 1e-6
 """Instants nearer than this are equal, so that rounding does not require a neighbour that was not seen."""
 
@@ -79,58 +75,6 @@ def _interpolate(times: Floats, values: Floats, wanted: Floats) -> Floats:
     weight = np.where(exact, 1.0, (wanted - times[before]) / np.where(gap > 0, gap, 1.0))[:, None]
     known = exact | ((gap > 0) & (gap <= TRACK_GAP_S) & (wanted > times[before]) & (wanted < times[after]))
     return np.where(known[:, None], (1 - weight) * values[before] + weight * values[after], np.nan)
-
-
-Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reconstruction:
-    """K instants, P parts, N cameras.
-
-    positions: (K, P, 3) metres in the room of the calibration, NaN where no two cameras agree. inliers, observed:
-    (K, P, N) the cameras that agree with the position, and those that saw the part. errors_px: (K, P, N) reprojection
-    errors, NaN without observation or position.
-    """
-
-    positions: Floats
-    inliers: NDArray[np.bool_]
-    observed: NDArray[np.bool_]
-    errors_px: Floats
-
-
-def reconstruct(
-    matrices: Sequence[Floats], centres: Floats, gate_px: float = GATE_PX, progress: Progress = lambda *_: None
-) -> Reconstruction:
-    """N matrices (3, 4), centres (K, P, N, 2) undistorted px -> triangulated positions.
-
-    Raises BadInput for a gate that is not positive.
-    """
-    count, parts, cameras, _ = centres.shape
-    blocks = []
-    for begin in range(0, count, BLOCK):
-        block = centres[begin : begin + BLOCK].reshape(-1, cameras, 2)
-        blocks.append(triangulate_all(matrices, block, gate_px))
-        progress(min(begin + BLOCK, count), count)
-    positions = np.concatenate([block.points for block in blocks]).reshape(count, parts, 3)
-    inliers = np.concatenate([block.used for block in blocks]).reshape(count, parts, cameras)
-    errors = np.concatenate([block.errors_px for block in blocks]).reshape(count, parts, cameras)
-    return Reconstruction(positions, inliers, np.logical_and.reduce(np.isfinite(centres), axis=-1), errors)
-
-
-STEP_M = 1e-3
-"""Step of the difference quotient from metres to pixels."""
-
-
-def px_per_m(matrices: Sequence[Floats], positions: Floats) -> Floats:
-    """(K, P, 3) -> (K, P) how many pixels a metre is there: the largest of three directions, mean over the cameras."""
-    scales = []
-    for matrix in matrices:
-        image = project(matrix, positions)
-        steps = [np.linalg.norm(project(matrix, positions + step) - image, axis=-1) for step in STEP_M * np.eye(3)]
-        scales.append(np.max(steps, axis=0) / STEP_M)
-    mean: Floats = np.mean(scales, axis=0)
-    return mean
 
 
 SPIKE_M, AROUND_S = 0.25, 0.1

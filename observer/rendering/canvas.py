@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.geometry.projection import Floats, oriented
+from observer.geometry.projection import oriented
 from observer.rendering.body import HEAD
 from observer.rendering.figure import Appearance, ClothHull, Shape, SkinEllipsoid, complexion
-from observer.tracks import Picture
+from observer.tracks import Floats, Picture
 
 NEAREST = 0.05
 """Least depth in metres of a point that can be drawn."""

@@ -69,7 +69,7 @@ def complexion(
     face = _features(x, y, z)
     ruddy = np.array([0.55, 0.6, 0.95], np.float32)
     colours = skin * (1.0 - face[0][..., None]) * (1.0 - face[1][..., None] * (1.0 - ruddy))
-    hair = np.clip((y - _hairline(z)) / 0.08 + 0.5, 0.0, 1.0)[..., None]
+    hair = np.clip((y - np.interp(z, HAIRLINE_AT, HAIRLINE).astype(np.float32)) / 0.08 + 0.5, 0.0, 1.0)[..., None]
     mixed: NDArray[np.float32] = shade * (colours + hair * (np.array(appearance.hair, np.float32) - colours))
     return mixed
 
@@ -84,10 +84,6 @@ def _light(surface: Sequence[Plane], axes: Floats, inward: Floats) -> Plane:
     length = np.sqrt(sum(n * n for n in normal)) + 1e-6
     facing = -sum(float(s) * n for s, n in zip(sight, normal, strict=True)) / length
     return (0.68 + 0.28 * np.maximum(facing, 0.0) + 0.12 * normal[1] / length).astype(np.float32)
-
-
-def _hairline(z: Plane) -> Plane:
-    return np.interp(z, HAIRLINE_AT, HAIRLINE).astype(np.float32)
 
 
 def _features(x: Plane, y: Plane, z: Plane) -> tuple[Plane, Plane]:

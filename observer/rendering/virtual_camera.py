@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from common.errors import BadInput
-from observer.geometry.projection import Floats, pinhole_matrix
+from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
@@ -17,7 +17,10 @@ from observer.rendering.body import Stature, pose, stature
 from observer.rendering.canvas import NOBODY_VALUE, Canvas, PinholeCamera, draw
 from observer.rendering.figure import Appearance, appearance_of, shapes
 from observer.rendering.scenery import Scenery, add_noise, background
-from observer.tracks import BODY_PARTS, Frame, Picture
+from observer.tracks import BODY_PARTS, Floats, Frame, Picture
+
+PERFECT = Scenery()
+"""A plain wall, a perfect camera."""
 
 
 class Renderer:
@@ -42,11 +45,8 @@ class Renderer:
             raise BadInput(f"size_px = {size_px}: width and height of at least 16 pixels are expected")
         if seed < 0:
             raise BadInput(f"seed = {seed}: 0 or more is expected")
-        self._camera = PinholeCamera(matrix)
-        self._size_px = size_px
-        self._scenery = scenery or Scenery()
-        self._seed = seed
-        self._appearance = appearance or appearance_of(seed)
+        self._camera, self._size_px, self._seed = PinholeCamera(matrix), size_px, seed
+        self._scenery, self._appearance = scenery or PERFECT, appearance or appearance_of(seed)
         self._standing = standing
 
     def picture(self, positions: Floats, frame_number: int) -> Picture:
@@ -71,8 +71,6 @@ DISTANCE = 3.5
 """Metres from the camera to the middle of the performer."""
 FOCAL_HEIGHTS = 1.35
 """Focal length in picture heights: from DISTANCE it shows 2.6 m, a person with raised hands."""
-PERFECT = Scenery()
-"""A plain wall, a perfect camera."""
 
 
 def aimed_matrix(view: View, standing: Stature, size_px: tuple[int, int] = (640, 480)) -> Floats:
@@ -117,7 +115,14 @@ class VirtualCamera:
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each picture, rendered when it is due; ends soon after `stop` is set."""
-        return self.motion.shown(stop, _Filming(self).picture)
+        rows, renderers = _rows_of(self.motion.body_parts), list[tuple[Recording, Renderer]]()
+
+        def picture(recording: Recording, i: int, number: int) -> Picture:
+            if not renderers or renderers[0][0] is not recording:
+                renderers[:] = [(recording, self.renderer(recording))]
+            return renderers[0][1].picture(recording.positions[i][rows].astype(float), number)
+
+        return self.motion.shown(stop, picture)
 
     def renderer(self, recording: Recording) -> Renderer:
         """The renderer of a recording."""
@@ -135,16 +140,3 @@ def _rows_of(names: Sequence[str]) -> list[int]:
             f"body_parts = {list(names)}: {missing[0]} is missing, and the performer cannot be drawn without it"
         )
     return [list(names).index(part) for part in BODY_PARTS]
-
-
-class _Filming:
-    """Renders the frames of one playback."""
-
-    def __init__(self, camera: VirtualCamera) -> None:
-        self._camera, self._order = camera, _rows_of(camera.motion.body_parts)
-        self._recording: Recording | None = None
-
-    def picture(self, recording: Recording, i: int, number: int) -> Picture:
-        if recording is not self._recording:
-            self._recording, self._renderer = recording, self._camera.renderer(recording)
-        return self._renderer.picture(recording.positions[i][self._order].astype(float), number)

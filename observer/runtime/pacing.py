@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.pipeline import Posterior
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.service import ObserverAround, ObserverLike
 from observer.tracks import Floats, Frame, Picture, State, Tracks
 

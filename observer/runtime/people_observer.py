@@ -10,11 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from common.floor_place import FloorPlace
-from observer.geometry.floor import floor_place
-from observer.geometry.placement import HEAD_M, PersonPlacement
+from observer.geometry.placement import HEAD_M, PersonPlacement, floor_place
 from observer.geometry.views import View
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.pipeline import Observer, Posterior
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracks import Floats, Frame, PersonTracks, Tracker, Tracks
 
 BODY_HEIGHT_M = 1.7

@@ -16,7 +16,7 @@ from common.wire import encode
 from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.model.leaning import region_shares
-from observer.motion.even_rate import Resampler
+from observer.prepared_tracks import Resampler
 from observer.score.performance import PerformanceScorer
 from observer.tracks import LOST_S, Floats, Frame, Tracker, Tracks
 

@@ -86,7 +86,7 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
 
 def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult) -> float | None:
     """Check source and tracker; returns the rate that the model must have, if the source determines it."""
-    from observer.geometry.picture_size import scale_note
+    from observer.geometry.views import scale_note
     from observer.runtime.scene_inputs import open_inputs
 
     if chosen_tracker(section).name == "mediapipe":
@@ -145,7 +145,7 @@ def _check_model(
 
 def _check_parts(header: "Header", result: PreflightResult, finds: Sequence[str]) -> None:
     """Whether the tracker finds the body parts that the model reads."""
-    from observer.runtime.prepared_tracker import lacking_parts
+    from observer.prepared_tracks import lacking_parts
 
     lacking = [part for part in header.body_parts if finds and part not in finds]
     if not lacking:

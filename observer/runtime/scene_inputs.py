@@ -18,18 +18,15 @@ from common.config import ObserverConfig, Scene
 from common.errors import BadInput
 from common.tracker_choice import MESH_KEY, PHONE, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
-from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
-from observer.geometry.picture_size import picture_scale
+from observer.foreign import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.placement import PersonPlacement, placement_of
-from observer.geometry.views import View, parse_view
+from observer.geometry.views import View, parse_view, picture_scale
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
-from observer.motion.placing import placed
-from observer.motion.playback import RecordedMotion, Start
-from observer.people_rows import has_several, of_people
-from observer.runtime.people_followed import people_followed
-from observer.runtime.prepared_tracker import PreparedTracker
-from observer.runtime.start_barrier import BARRIER, StartBarrier
+from observer.motion.playback import BARRIER, RecordedMotion, Start, StartBarrier
+from observer.motion.projected import placed
+from observer.prepared_tracks import PreparedTracker
+from observer.tracking.person_keeper import has_several, of_people
 from observer.tracking.registry import built_tracker, tracker_named
 from observer.tracking.tracker_kind import TrackerSettings
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, FrameSource
@@ -248,3 +245,21 @@ def is_untaught(scene: Scene, observer: str) -> bool:
     """Whether the observer waits to be taught: the scene names no model and no vocabulary, and there is no ID.model."""
     section = scene.observer(observer)
     return scene.vocabulary is None and section.model == f"{observer}.model" and not scene.model_file(observer).exists()
+
+
+def people_followed(most: int, observers: int, view: View) -> int:
+    """As many as the scene judges, `most`, if it can be known who is who: by where they stand in the room of a camera
+    file, or because no other one of the `observers` looks. Another observer follows one person."""
+    return most if view.has_place or observers == 1 else 1
+
+
+def follows_one(most: int, observers: int, view: View, followed: int) -> str:
+    """That the observer follows one person although the scene judges several, and what to do; "" if it is not so.
+
+    followed: how many people its tracker follows.
+    """
+    if followed > 1 or most == 1:
+        return ""
+    can_tell = people_followed(most, observers, view) == most
+    way_out = "choose the tracker mediapipe" if can_tell else "calibrate this camera"
+    return f"follows one person, who counts while nobody else is there; to tell several apart {way_out}"

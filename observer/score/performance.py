@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from common import SECOND_NS
 from common.posterior import ObservedRemark, ObservedScore, Unscored
 from common.score import REMARKS_LIMIT
-from observer.model.body_trace import hop_of
+from observer.features import hop_of
 from observer.model.movement_segment import STILL_LAG_S
 from observer.score.references import JudgeScore
 from observer.tracks import Floats

@@ -14,8 +14,8 @@ from common.files import expand_home
 from common.teaching_messages import TeachRequest
 from common.tracker_choice import content_of
 from observer.camera.base import kind_of
+from observer.prepared_tracks import PreparedTracker
 from observer.recording.own_tracks import RECORDING_HZ, TracksRecorder, trimmed, watched_parts
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.teaching.take_recorder import SHORTEST_S, TakeRecorder
 from observer.teaching.take_watch import LONGEST_TAKE_S
@@ -79,7 +79,8 @@ def add_takes(film: TaughtFilm, inputs: ObserverInputs, takes: TakesFile, person
     if not added and film.label:
         return [_whole(film, recorder, takes, person)]
     if not added:
-        raise BadInput(f"{film.path.name}: nobody was seen in it{_complaint(inputs.tracker)}")
+        complaint = f" ({inputs.tracker.complaint})" if inputs.tracker.complaint else ""
+        raise BadInput(f"{film.path.name}: nobody was seen in it{complaint}")
     return [len(take.positions) / take.rate_hz for take in added]
 
 
@@ -112,10 +113,6 @@ def _whole(film: TaughtFilm, recorder: TracksRecorder, takes: TakesFile, person:
         raise BadInput(f"{name}: shows no {film.label}: nobody moves and then stands still in it")
     takes.add(replace(take, trial=str(takes.free_take(film.label))))
     return seconds
-
-
-def _complaint(tracker: PreparedTracker) -> str:
-    return f" ({tracker.complaint})" if tracker.complaint else ""
 
 
 def labels_of(films: Iterable[TaughtFilm]) -> list[str]:

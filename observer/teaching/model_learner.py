@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from common.errors import LabanmeshError, reason_of
 from common.teaching_messages import TEACHING_TEXT_LIMIT, LearnedReport, Unwanted
 from observer.files import make_private, remove_file
-from observer.learning.references import CHOSEN
-from observer.model.cross_validation import held_out_of
+from observer.learning.examples import CHOSEN
+from observer.model.leaning import held_out_of
 from observer.model.model_file import read_model
 from observer.runtime.people_observer import AnyObserver
 

@@ -16,12 +16,12 @@ from common.subsession import SubSession
 from common.teaching_messages import TEACHING_TEXT_LIMIT, TaughtPlace, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
+from observer.learning.taught_takes import doubtful_takes
 from observer.motion.archive import TracksCamera
 from observer.preview.clip_folder import ClipFolder
 from observer.recording.own_tracks import RECORDING_HZ, TracksRecorder
 from observer.runtime.people_observer import AnyObserver, FloorPlacer, picture_width
 from observer.runtime.pipeline import Posterior
-from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.model_learner import Build, ModelLearner
 from observer.teaching.takes_file import TakesFile
 from observer.teaching.taught_person import TaughtPerson

@@ -28,8 +28,7 @@ from common.teaching_messages import (
     TeachRequest,
 )
 from observer.recording.own_tracks import TracksRecorder, trimmed, watched_parts
-from observer.teaching.clap import ClapWatch
-from observer.teaching.take_watch import StillnessStream, TakeWatch
+from observer.teaching.take_watch import ClapWatch, StillnessStream, TakeWatch
 from observer.tracks import Tracks
 
 if TYPE_CHECKING:

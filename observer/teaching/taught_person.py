@@ -13,8 +13,8 @@ import numpy as np
 
 from common.floor_place import KEEP, PERSON_GATE, FloorPlace
 from common.teaching_messages import TeachRequest
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.people_observer import FloorPlacer
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracking.person_keeper import seen_people
 from observer.tracks import PersonTracks, Tracks
 

@@ -159,7 +159,8 @@ class HeadTracker:
         if near is not None:
             return self._face_near(picture, near, self.face or LEAST_FACE_PX)
         # The colour of skin takes a twentieth of the time that the cascade takes for the whole picture.
-        box = self._by_skin(picture)
+        # A learned colour is not used, since it may come from a false face.
+        box = topmost_skin(picture, self.skin, self._away) if self._given and self.skin is not None else None
         if box is None:
             faces = self._faces(picture)
             box = faces[0] if faces else None
@@ -195,10 +196,6 @@ class HeadTracker:
         small = picture if scale == 1 else cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
         faces = [] if self._finder is None else self._finder.find(small, smallest)
         return [(round(x * scale), round(y * scale), round(w * scale), round(h * scale)) for x, y, w, h in faces]
-
-    def _by_skin(self, picture: Picture) -> Box | None:
-        """The head by a given skin colour; a learned colour is not used, since it may come from a false face."""
-        return topmost_skin(picture, self.skin, self._away) if self._given and self.skin is not None else None
 
     def _confirmed_twice(self, box: Box | None) -> Box | None:
         previous, self._candidate = self._candidate, box

@@ -7,10 +7,15 @@ for the other: nobody is followed then until APART_S later. Lengths are in heigh
 
 from collections.abc import Callable, Iterator, Sequence
 
-from observer.tracking.company import GROWTH, OTHER_S, SPEED, STEP, Company, OtherPerson
 from observer.tracking.people import (
+    GROWTH,
+    OTHER_S,
+    SPEED,
+    STEP,
     Body,
+    Company,
     FollowRule,
+    OtherPerson,
     PersonModel,
     Pose,
     Rgb,
@@ -159,8 +164,10 @@ class PersonFollower:
         for level, area in self._areas(sweep, rgb):
             bodies = self._model.find(rgb, area, self._ms)
             self._candidates += bodies
-            if bodies and not self._pending:
-                self._pending = self._needed(sweep, level)
+            if bodies and not self._pending and not self._rule.is_met_by(self._candidates, sweep.size):
+                # Before a choice: people found only in smaller squares are smaller, and farther from the mark those
+                # outside the squares that hold it.
+                self._pending = sweep.rest_of(level)
             if self._candidates and not self._pending:
                 pose = self._choose(sweep.size, rgb)
                 if pose is not None:
@@ -189,13 +196,6 @@ class PersonFollower:
         # Who is there when an observer begins may be moving already: the first choice waits for no other picture.
         while self._pictures == 1 and self._pending:
             yield self._pending.pop(0)
-
-    def _needed(self, sweep: Sweep, level: int) -> list[tuple[int, SearchArea]]:
-        """The areas to search before a choice: people found only in smaller squares are smaller, and farther from the
-        mark those outside the squares that hold it."""
-        if self._rule.is_met_by(self._candidates, sweep.size):
-            return []
-        return sweep.rest_of(level)
 
     def _choose(self, size: tuple[int, int], rgb: Rgb) -> Pose | None:
         candidates, self._candidates = self._rule.ordered(distinct(self._candidates), size), []

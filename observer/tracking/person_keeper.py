@@ -6,7 +6,8 @@
    exchanged, both are unsure and are not published. When they are apart again they have new ids.
 3. A track that is not seen stays for `OTHER_S`, with no part visible.
 
-Lengths are in heights of the person, as in company.py, whose numbers hold here too.
+Lengths are in heights of the person, as in people.py, whose numbers hold here too. Where a frame has rows of several
+people, the first person's parts have their usual names, and the nth's are NAME@n.
 """
 
 import math
@@ -17,8 +18,7 @@ import numpy as np
 
 from common import SECOND_NS
 from common.matching import best_matching
-from observer.tracking.company import GROWTH, MERGED, OTHER_S, SPEED, STEP
-from observer.tracking.people import Body
+from observer.tracking.people import GROWTH, MERGED, OTHER_S, SPEED, STEP, Body
 from observer.tracks import Floats, PersonTracks, SeenPeople
 
 JUMP = 0.1
@@ -166,3 +166,38 @@ def _take(track: _Followed, body: Detection, at_ns: int) -> None:
 def _shown(track: _Followed, at_ns: int) -> PersonTracks:
     centres = track.body.centres if track.seen_ns == at_ns else np.full_like(track.body.centres, np.nan)
     return PersonTracks(track.id, centres, *track.place(at_ns), track.body.height)
+
+
+MARK = "@"
+TALL_EXTENTS = 1.15
+"""A person is so much taller than what is between head and feet; as much shorter parts stand for a whole body."""
+LEAST_PARTS = 3
+"""Fewer parts are no person."""
+
+
+def has_several(body_parts: Sequence[str]) -> bool:
+    """Whether the parts are of several people."""
+    return any(MARK in part for part in body_parts)
+
+
+def of_people(body_parts: Sequence[str], most: int) -> tuple[str, ...]:
+    """The names of these parts of `most` people."""
+    return (*body_parts, *(f"{part}{MARK}{n}" for n in range(2, most + 1) for part in body_parts))
+
+
+def rows_of_people(recorded: Sequence[str]) -> tuple[tuple[str, ...], list[list[int]]]:
+    """The parts of one person, and each person's rows of these in a frame; raises KeyError if one lacks a part."""
+    parts = tuple(part for part in recorded if MARK not in part)
+    numbers = sorted({int(part.partition(MARK)[2]) for part in recorded if MARK in part})
+    known = {part: row for row, part in enumerate(recorded)}
+    names = [parts, *([f"{part}{MARK}{n}" for part in parts] for n in numbers)]
+    return parts, [[known[part] for part in own] for own in names]
+
+
+def detection_of(centres: Floats, whole: Floats) -> Detection | None:
+    """The body whose parts are seen at `centres` (P, 2), NaN where not; None if these are too few. whole: (Q, 2) where
+    its parts are, seen or not."""
+    if np.isfinite(centres).all(axis=1).sum() < LEAST_PARTS:
+        return None
+    u, v = (whole.min(axis=0) + whole.max(axis=0)) / 2
+    return Detection(centres, float(u), float(v), TALL_EXTENTS * max(float(np.ptp(whole[:, 1])), 1e-9))

@@ -2,7 +2,7 @@
 
 import os
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Literal, Protocol
@@ -73,10 +73,38 @@ def landmarks_of(part: str, hand: Hand = "palm") -> tuple[int, ...]:
     return left if side == "left" else tuple(n + 1 for n in left)
 
 
-class PoseTracker:
+class PoseUse:
+    """What trackers by pose models share: the times of pictures, a complaint, and that models are closed with them.
+
+    name: the tracker's, for complaints. close_models: is called at the latest at exit, because mediapipe prints a
+    traceback when it is deleted while open.
+    """
+
+    def __init__(self, name: str, close_models: Callable[[], None]) -> None:
+        self._name, self._closing = name, weakref.finalize(self, close_models)
+        self._first_ns: int | None = None
+        self._ms, self._someone_ms = 0, 0
+
+    @property
+    def complaint(self) -> str:
+        """What to do when nobody was found for NOBODY_S; "" when all is well."""
+        return COMPLAINT.format(self._name) if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
+
+    def close(self) -> None:
+        """Release the threads of the model; no picture may follow."""
+        self._closing()
+
+    def _after(self, at_ns: int) -> int:
+        """Milliseconds since the first frame, strictly increasing: the model rejects repeated times."""
+        if self._first_ns is None:
+            self._first_ns = at_ns
+        return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
+
+
+class PoseTracker(PoseUse):
     """A `Tracker` of pictures (H, W, 3) uint8 BGR; centres in px of the picture.
 
-    model: closed with the tracker. name: the tracker's, for complaints. hand: the centre of a hand is the middle of
+    model: closed with the tracker. name: as of `PoseUse`. hand: the centre of a hand is the middle of
     the palm or the wrist. body_parts: of WHOLE_BODY, in any order. Mirrored pictures exchange left and right. Raises
     BadInput for an unknown hand or part.
     """
@@ -85,20 +113,11 @@ class PoseTracker:
         self, model: PoseModel, name: str, hand: Hand = "palm", body_parts: Sequence[str] = BODY_PARTS
     ) -> None:
         require_hand(hand)
-        self._name = name
+        super().__init__(name, model.close)
         self.body_parts: Sequence[str] = tuple(body_parts)
         """The parts that it finds: left and right of the person."""
         self._rows = [landmarks_of(part, hand) for part in body_parts]
-        self._model, self._sides = model, SideKeeper()
-        # At the latest at exit: mediapipe prints a traceback when it is deleted while open.
-        self._closing = weakref.finalize(self, self._model.close)
-        self._first_ns: int | None = None
-        self._ms, self._someone_ms, self._choices = 0, 0, 0
-
-    @property
-    def complaint(self) -> str:
-        """What to do when nobody was found for NOBODY_S; "" when all is well."""
-        return COMPLAINT.format(self._name) if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
+        self._model, self._sides, self._choices = model, SideKeeper(), 0
 
     def update(self, frame: Frame) -> Tracks:
         """Centres (P, 2) px of the followed person, NaN for a part not seen; BadInput for a wrong shape."""
@@ -116,16 +135,6 @@ class PoseTracker:
             self._choices, self._sides = choices, SideKeeper()
         landmarks = self._sides.update(landmarks, self._ms, width / height)
         return replace(read_pose(landmarks, (width, height), self._rows), people=people)
-
-    def close(self) -> None:
-        """Release the threads of the model; no picture may follow."""
-        self._closing()
-
-    def _after(self, at_ns: int) -> int:
-        """Milliseconds since the first frame, strictly increasing: the model rejects repeated times."""
-        if self._first_ns is None:
-            self._first_ns = at_ns
-        return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
 
 
 def read_pose(landmarks: Floats, size_px: tuple[int, int], rows: Sequence[Sequence[int]]) -> Tracks:

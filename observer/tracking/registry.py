@@ -7,10 +7,9 @@ from common.errors import BadInput, LabanmeshError
 from common.plugins import plugin, plugins
 from common.text import nearest
 from common.tracker_choice import AUTO, Content, TrackerChoice
-from observer.foreign.track_line import ForeignPeople, ForeignTracker
+from observer.foreign import ForeignPeople, ForeignTracker
 from observer.geometry.views import facing
-from observer.motion.projected import ProjectedTracker
-from observer.motion.projected_people import ProjectedPeople
+from observer.motion.projected import ProjectedPeople, ProjectedTracker
 from observer.tracking.tracker_kind import TrackerKind, TrackerSettings
 from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracker
 

@@ -5,17 +5,15 @@ landmarks. Others are searched in the picture in which those who are followed ar
 detectors often miss another. Who is who from picture to picture is decided in person_keeper.py.
 """
 
-import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
-from observer.tracking.company import GROWTH, SPEED, STEP
-from observer.tracking.people import Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
+from observer.tracking.people import GROWTH, SPEED, STEP, Body, FollowRule, PersonModel, Pose, Rgb, area_about, distinct
 from observer.tracking.person_keeper import Detection, PersonKeeper, seen_people
-from observer.tracking.pose import COMPLAINT, NOBODY_S, Hand, landmarks_of, read_pose, require_hand
+from observer.tracking.pose import Hand, PoseUse, landmarks_of, read_pose, require_hand
 from observer.tracking.search_areas import Sweep
 from observer.tracking.sides import SideKeeper
 from observer.tracks import WHOLE_BODY, Frame, Tracks, require_picture
@@ -44,7 +42,7 @@ class _ModelCopy:
     sides: SideKeeper = field(default_factory=SideKeeper)
 
 
-class SeveralPoses:
+class SeveralPoses(PoseUse):
     """A `Tracker` of pictures (H, W, 3) uint8 BGR that follows up to `most` people. new_model: makes a copy of a model.
 
     Raises BadInput for an unknown hand, and as new_model does.
@@ -55,17 +53,15 @@ class SeveralPoses:
     def __init__(self, new_model: Callable[[], PersonModel], name: str, most: int, hand: Hand = "palm") -> None:
         require_hand(hand)
         self._rows = [landmarks_of(part, hand) for part in WHOLE_BODY]
-        self._new_model, self._name, self.most = new_model, name, most
-        self._followed = [_ModelCopy(new_model())]
-        self._keeper, self._sweep = PersonKeeper(most), Sweep((1, 1))
-        self._closing = weakref.finalize(self, _close, self._followed)
-        self._first_ns: int | None = None
-        self._ms = self._someone_ms = self._searched_ms = 0
+        self._new_model, self.most = new_model, most
+        self._followed = followed = [_ModelCopy(new_model())]
 
-    @property
-    def complaint(self) -> str:
-        """What to do when nobody was found for NOBODY_S; "" when all is well."""
-        return COMPLAINT.format(self._name) if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
+        def close_models() -> None:
+            for one in followed:
+                one.model.close()
+
+        super().__init__(name, close_models)
+        self._keeper, self._sweep, self._searched_ms = PersonKeeper(most), Sweep((1, 1)), 0
 
     def update(self, frame: Frame) -> Tracks:
         """Everybody who is followed; the centres are those of the first."""
@@ -88,10 +84,6 @@ class SeveralPoses:
         nobody = np.full((len(self._rows), 2), np.nan)
         self._someone_ms = self._ms if poses else self._someone_ms
         return Tracks(persons[0].centres if persons else nobody, people=seen_people(persons), persons=persons)
-
-    def close(self) -> None:
-        """Release the threads of the models; no picture may follow."""
-        self._closing()
 
     def _pose(self, one: _ModelCopy, rgb: Rgb, before_ms: int) -> Pose | None:
         """The pose of the person whom this copy follows, if it can be that person's."""
@@ -151,12 +143,6 @@ class SeveralPoses:
         landmarks = one.sides.update(pose.landmarks, self._ms, size[0] / size[1])
         return Detection(read_pose(landmarks, size, self._rows).centres, pose.body.u, pose.body.v, pose.body.height)
 
-    def _after(self, at_ns: int) -> int:
-        """Milliseconds since the first frame, strictly increasing: models reject repeated times."""
-        if self._first_ns is None:
-            self._first_ns = at_ns
-        return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
-
 
 def _once(poses: Sequence[tuple[_ModelCopy, Pose]], size: tuple[int, int]) -> list[tuple[_ModelCopy, Pose]]:
     """Each person once: of two copies that follow one person the first, the other one follows nobody."""
@@ -174,8 +160,3 @@ def _is_one(pose: Pose, other: Pose, size: tuple[int, int]) -> bool:
         return False
     apart = np.linalg.norm((pose.landmarks[:, :2] - other.landmarks[:, :2]) * size, axis=1)
     return bool(np.median(apart) < SAME_POSE * other.body.height)
-
-
-def _close(followed: Sequence[_ModelCopy]) -> None:
-    for one in followed:
-        one.model.close()

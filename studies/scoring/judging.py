@@ -8,10 +8,9 @@ import numpy as np
 
 from common.errors import BadInput
 from fusion.score_pool import JudgedScore, pooled_remarks, pooled_score
-from observer.features import REFERENCE_HZ
+from observer.features import REFERENCE_HZ, read_trace
 from observer.geometry.views import View, parse_view, split_views
-from observer.learning.references import mirrored as mirrored
-from observer.model.body_trace import read_trace
+from observer.learning.examples import mirrored as mirrored
 from observer.motion.archive import Recording
 from observer.motion.projected import view_tracks
 from observer.score.comparison import Align, Alignment

@@ -48,7 +48,7 @@ IMPURE = {
         "fusion.publisher fusion.same_id fusion.scene_worker fusion.service "
         "fusion.server fusion.standby hub.dashboard.pictures hub.session "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign.sources "
+        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign "
         "studies.replay.playback"
     ),
     "files": (
@@ -58,9 +58,9 @@ IMPURE = {
         "hub.history.history_file hub.history.keeper hub.history.notes "
         "hub.notify.notification_queue hub.notify.notifying "
         "hub.people_names_file hub.phone.*_file hub.phone.static_pages hub.rights "
-        "observer.*_file observer.calibration.board observer.calibration.formats "
+        "observer.*_file observer.calibration.board observer.calibration.calibrated "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
-        "fusion.preflight observer.runtime.preflight observer.runtime.start_barrier "
+        "fusion.preflight observer.runtime.preflight "
         "observer.runtime.scene_inputs observer.teaching.film_takes studies.evaluated_archives studies.experiments "
         "studies.output_files studies.report"
     ),
@@ -93,7 +93,6 @@ IMPURE = {
 PURE_ALL_THE_SAME = (
     "observer.camera.base",
     "observer.tracking.person_keeper",
-    "observer.tracking.company",
     "observer.tracking.people",
     "observer.preview.track_doubts",
 )

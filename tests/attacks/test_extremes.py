@@ -7,7 +7,7 @@ import pytest
 from attack_stage import SECOND
 
 from common.wire import encode
-from observer.foreign.sources import LineTracks
+from observer.foreign import LineTracks
 
 LARGEST = 2**63 - 1
 ENDLESS = "9" * 400

@@ -13,7 +13,7 @@ import pytest
 from common import SECOND_NS
 from observer.camera.live import LatestFrame
 from observer.camera.opening import open_pictures
-from observer.foreign.sources import LineTracks, PipedTracks
+from observer.foreign import LineTracks, PipedTracks
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.motion.playback import FRAME_LATE_S, RecordedMotion

@@ -13,7 +13,7 @@ from common.config import read_scene
 from observer.model.model_file import read_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
-from observer.motion.even_rate import Resampler
+from observer.prepared_tracks import Resampler
 from observer.runtime.pipeline import Observer, PosteriorEncoder
 from observer.runtime.scene_inputs import open_inputs
 from observer.tracking.head import have_cascade

@@ -23,9 +23,8 @@ from observer.geometry.projection import project
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
-from observer.motion.placing import placed
-from observer.motion.projected_people import ProjectedPeople
-from observer.people_rows import of_people
+from observer.motion.projected import ProjectedPeople, placed
+from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY, Frame
 from studies.performer.perform import minimum_jerk
 

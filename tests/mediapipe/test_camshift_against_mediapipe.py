@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mediapipe_stage import follow, pictures, unmirrored
 
-from observer.features import SpaceReader, VectorSymbol
+from observer.model.symbol_tables import SpaceReader, VectorSymbol
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.head import have_cascade
 from observer.tracks import BODY_PARTS, Tracks

@@ -9,10 +9,10 @@ from mediapipe_stage import follow, pictures
 from observer_stage import pose2sim_markers
 
 from labanmesh import main
-from observer.calibration.formats import read_opencv
-from observer.calibration.triangulate import triangulate_all
+from observer.calibration.calibrated import read_opencv
 from observer.geometry.placement import facing_of
 from observer.motion.archive_file import read_archive
+from observer.recording.triangulation import triangulate_all
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracks import WHOLE_BODY
 

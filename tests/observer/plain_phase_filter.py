@@ -1,10 +1,10 @@
 """The Bayes filter over movement and phase, with rest before and after, written down plainly (docs/design/model.md):
-the oracle of `observer/filtering/chain_filter.py:ChainFilter`."""
+the oracle of `observer/model/chain_filter.py:ChainFilter`."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filtering.chain_filter import FLOOR, Dynamics
+from observer.model.chain_filter import FLOOR, Dynamics
 from observer.tracks import Floats
 
 NEGLIGIBLE = 1e-150

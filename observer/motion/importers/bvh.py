@@ -15,8 +15,8 @@ import numpy as np
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
 from observer.motion.importers.base import ImportResult, Progress, counted, files_at, rate_from
-from observer.motion.importers.bvh_file import BvhMotion, Floats, Joint, joint_positions, read_bvh
-from observer.tracks import WHOLE_BODY
+from observer.motion.importers.bvh_file import BvhMotion, Joint, joint_positions, read_bvh
+from observer.tracks import WHOLE_BODY, Floats
 
 _EFFORT_NAME = re.compile(r"(.*[A-Za-z].*?)_(-?[01]_-?[01]_-?[01]_-?[01])")
 """<action>_<Space>_<Weight>_<Time>_<Flow>, each factor -1, 0 or 1 (PERFORM, Durupinar et al. 2016)."""

@@ -6,13 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.text import plural
 from observer.motion.importers.base import finite_number, number_rows, read_text, shown, whole_number
-
-Floats = NDArray[np.float64]
+from observer.tracks import Floats
 
 
 @dataclass(slots=True)

@@ -23,7 +23,7 @@ from hub.phone.phone_session import BURST, MOST_HZ
 from hub.phone.register_file import RegisterFile
 from hub.phone.serving import BROKEN, REFUSED, REPLACED, PhoneServer
 from hub.phone.static_pages import StaticPages
-from observer.foreign.track_line import frame_of_line
+from observer.foreign import frame_of_line
 from observer.tracks import WHOLE_BODY
 
 MODEL = {"pose_full.task": b"model" * 1000, "vision_bundle.mjs": b"export default 1;" * 100}

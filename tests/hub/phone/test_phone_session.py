@@ -8,7 +8,7 @@ import pytest
 from hub.phone.phone_messages import BadPhoneMessage
 from hub.phone.phone_session import BURST, MOST_HZ, PhoneSession, RateLimit
 from hub.phone.register import Phone, RefusedError
-from observer.foreign.track_line import frame_of_line
+from observer.foreign import frame_of_line
 from observer.tracks import WHOLE_BODY
 
 MS = 1_000_000

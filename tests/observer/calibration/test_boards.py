@@ -12,9 +12,8 @@ from observer_stage import printed_board, rejected
 from observer.calibration.board import Charuco, Chessboard, parse_chessboard, pictures, read_board
 from observer.calibration.bundle import BoardCorners, RigidTransform, _Problem, bundle_adjust
 from observer.calibration.calibrate import from_boards
-from observer.calibration.calibrated import angle_between, rotation
+from observer.calibration.calibrated import angle_between, read_opencv, rotation
 from observer.calibration.detection import BoardDetection, CameraDetections, _upright, detector, find_boards, speeds
-from observer.calibration.formats import read_opencv
 from observer.calibration.parameters import (
     FittedLens,
     _relative_pose,

@@ -8,9 +8,8 @@ import pytest
 from observer_stage import printed_board, rejected
 
 from observer.calibration.board import Chessboard
-from observer.calibration.calibrated import CalibratedCamera, rotation
+from observer.calibration.calibrated import CalibratedCamera, read_opencv, rotation, write_opencv
 from observer.calibration.commands import ALL_CAMERAS, calibrate
-from observer.calibration.formats import read_opencv, write_opencv
 from observer.geometry.camera_file import read_camera
 
 K = np.array([[700.0, 0, 320], [0, 705, 240], [0, 0, 1]])

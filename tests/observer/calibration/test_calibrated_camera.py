@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
 
-from observer.calibration.calibrated import CalibratedCamera, rotation
-from observer.calibration.formats import read_opencv, read_qualisys, write_opencv
+from observer.calibration.calibrated import CalibratedCamera, read_opencv, read_qualisys, rotation, write_opencv
 from observer.geometry.projection import project
 
 K = np.array([[800.0, 0, 330], [0, 810, 250], [0, 0, 1]])

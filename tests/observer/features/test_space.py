@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.features import BodySize, SpaceReader, VectorSymbol, vector_symbols
+from observer.features import BodySize
+from observer.model.symbol_tables import SpaceReader, VectorSymbol, vector_symbols
 from observer.tracks import BODY_PARTS, State, Tracks
 
 RING = ["U", "UR", "R", "DR", "D", "DL", "L", "UL"]

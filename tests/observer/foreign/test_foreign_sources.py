@@ -11,7 +11,7 @@ from processes import SOON_S
 
 from common.config import MeshConfig
 from common.link import Link
-from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
+from observer.foreign import LineTracks, MeshTracks, PipedTracks
 
 
 def line(u):

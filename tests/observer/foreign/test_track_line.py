@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
 
-from observer.foreign.track_line import EXAMPLE, MAX_BYTES, ForeignTracker, frame_of_line
+from observer.foreign import EXAMPLE, MAX_BYTES, ForeignTracker, frame_of_line
 from observer.tracks import BODY_PARTS, State
 
 NUMBERS = st.floats(-1e6, 1e6)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.geometry.floor import COMMON, ROOM_M, STANDING, floor_place
+from observer.geometry.placement import COMMON, ROOM_M, STANDING, floor_place
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
 
 PARTS = ("head", "neck", "pelvis", "left_foot", "right_foot", "left_hand")

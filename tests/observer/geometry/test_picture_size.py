@@ -7,12 +7,11 @@ from observer_stage import rejected
 
 from common.config import read_scene
 from observer.geometry.camera_file import CameraModel, write_camera
-from observer.geometry.picture_size import picture_scale, scale_note, size_advice
 from observer.geometry.projection import LensDistortion, pinhole_matrix
-from observer.geometry.views import View, parse_view
+from observer.geometry.views import View, parse_view, picture_scale, scale_note, size_advice
+from observer.prepared_tracks import PreparedTracker
 from observer.preview.commands import look
 from observer.runtime.preflight import check_observer
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import open_inputs
 from observer.tracks import BODY_PARTS, Frame, Tracks
 

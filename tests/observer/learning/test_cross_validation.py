@@ -7,8 +7,14 @@ import numpy as np
 import pytest
 
 from common.vocabulary import Vocabulary
-from observer.learning.folds import FEWEST_FOLDS, fewer_folds, folds_by_recording
-from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibration
+from observer.learning.learn import (
+    FEWEST_FOLDS,
+    MOST_EVALUATED,
+    MOST_WATCHED,
+    fewer_folds,
+    folds_by_recording,
+    with_calibration,
+)
 from observer.model.base import Example, Header
 from observer.model.parameters import FACINGS
 

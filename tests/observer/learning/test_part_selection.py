@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.learning.part_selection import parts_to_learn
+from observer.learning.taught_takes import parts_to_learn
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.tracks import WHOLE_BODY
 

@@ -18,7 +18,7 @@ from observer.learning.learn import learn_view
 from observer.model.model_file import doubt_of_view, read_model
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
-from observer.motion.placing import mean_place, placed
+from observer.motion.projected import mean_place, placed
 from observer.runtime.preflight import check_observer
 from observer.runtime.scene_inputs import open_inputs, person_in
 from studies.performer import perform

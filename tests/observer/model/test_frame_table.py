@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_phase_filter import PhaseFilter
 
-from observer.filtering.chain_filter import Dynamics
+from observer.model.chain_filter import Dynamics
 from observer.model.symbol_tables import VECTOR_SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
 
 

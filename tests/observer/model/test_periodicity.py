@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from observer.features import read_trace
 from observer.geometry.views import parse_view
-from observer.model.body_trace import read_trace
+from observer.model.movement_segment import RepetitionCounter
 from observer.model.periodicity import oscillation_of, period_in
-from observer.model.repetitions import RepetitionCounter
 from observer.motion.archive import movements_in
 from observer.motion.archive_file import read_archive
 from observer.motion.projected import view_tracks

@@ -8,11 +8,10 @@ from performances import DOOR, recordings_of, watching
 from plain_phase_filter import PhaseFilter
 
 from common.vocabulary import Vocabulary
-from observer.features import PostureReader, without_motion
-from observer.filtering.chain_filter import Dynamics
+from observer.features import PostureReader, resampled, without_motion
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Header, Onset, with_defaults
-from observer.model.body_trace import resampled
+from observer.model.chain_filter import Dynamics
 from observer.model.phase import ENTRY, STEP_SHARES, Phase, chain_dynamics, parts_read, step_probabilities
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of, view_tracks

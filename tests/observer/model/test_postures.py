@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.features import groups_of
-from observer.filtering.chain_filter import FLOOR
-from observer.model.chains import PostureEvidence, Postures, RestPostures
+from observer.model.chain_filter import FLOOR, PostureEvidence, Postures, RestPostures
 
 PARTS, PHASES, CHAINS = 3, 4, 5
 GROUPS = groups_of(PARTS)

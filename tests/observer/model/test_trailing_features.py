@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.model.body_trace import BodyTrace, read_trace, width_of
+from observer.features import BodyTrace, read_trace, width_of
 from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.tracks import Tracks
 

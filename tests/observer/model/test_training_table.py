@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from common.vocabulary import Vocabulary
+from observer.features import extent
 from observer.model.base import (
     Example,
     Header,
@@ -15,7 +16,6 @@ from observer.model.base import (
     recording_numbers,
     with_defaults,
 )
-from observer.model.body_trace import extent
 from observer.model.held_out import STRANGE_FROM, STRANGE_SHARE, Watched, rows_of_fold, stacker_rows, streams_left_out
 from observer.model.segment_classifier import segment_window
 from observer.model.stacked import Stacked

@@ -8,9 +8,9 @@ import pytest
 from performances import DOOR
 
 from common.vocabulary import Vocabulary
+from observer.features import BodyTrace, extent
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.body_trace import BodyTrace, extent
 from observer.model.nearest_take import NearestTakeWatch
 from observer.model.stacker import LOWEST, instant_of, shown_by
 from observer.motion.projected import view_tracks

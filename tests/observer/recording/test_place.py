@@ -11,7 +11,7 @@ from observer.geometry.placement import PersonPlacement
 from observer.geometry.projection import pinhole_matrix, project
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
-from observer.motion.placing import placed
+from observer.motion.projected import placed
 from observer.recording.commands import place
 from observer.recording.person_placement import SHOULDERS_AND_HIPS, seen_person
 from observer.recording.reconstruction import CameraTracks

@@ -7,10 +7,9 @@ from hypothesis import strategies as st
 from observer_stage import rejected
 
 from observer.geometry.projection import pinhole_matrix, project
-from observer.motion.even_rate import at_even_rate
+from observer.prepared_tracks import at_even_rate
 from observer.recording.new_recording import noise_m, smoothed
 from observer.recording.person_placement import _facing
-from observer.recording.reconstructed_parts import exchanged_back
 from observer.recording.reconstruction import (
     SAME_S,
     UP_AXES,
@@ -19,11 +18,10 @@ from observer.recording.reconstruction import (
     fill_gaps,
     moving_span,
     performer_axes,
-    px_per_m,
-    reconstruct,
     remove_spikes,
     resample_tracks,
 )
+from observer.recording.triangulation import exchanged_back, px_per_m, reconstruct
 
 MATRIX = np.eye(3, 4)
 EPOCH_NS = 1_764_000_000_123_456_789

@@ -6,7 +6,7 @@ from message_stage import status
 from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.message_types import STANDING_BY
-from observer.runtime.fusion_clock import CLOCKS_LIMIT, SILENT_NS, FusionClock
+from observer.runtime.service import CLOCKS_LIMIT, SILENT_NS, FusionClock
 
 NOW_NS = 10**18
 

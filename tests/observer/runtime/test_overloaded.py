@@ -6,8 +6,8 @@ import pytest
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.pacing import EMPTY_HEARTBEAT, HEARTBEAT, PacedObserver, TrackingPace
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.service import ObserverAround
 from observer.tracks import Frame, Tracks
 

@@ -12,6 +12,7 @@ from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.load import LoadMeter
 from observer.camera.opening import open_pictures
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.pacing import (
     ACTIVE_SHARE,
     COLUMNS,
@@ -28,7 +29,6 @@ from observer.runtime.pacing import (
     cells_of,
     is_still,
 )
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracks import Frame, Tracks
 
 BEGIN_NS = 1_700_000_000 * SECOND_NS

@@ -8,16 +8,16 @@ from common import SECOND_NS
 from common.messages import PosteriorMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
-from observer.foreign.track_line import ForeignPeople, frame_of_line
+from observer.foreign import ForeignPeople, frame_of_line
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import THIS_CAMERA_MATRIX, View
-from observer.motion.projected_people import ProjectedPeople
-from observer.people_rows import of_people
-from observer.runtime.people_followed import follows_one, people_followed
+from observer.motion.projected import ProjectedPeople
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.people_observer import FloorPlacer, PeopleObserver
 from observer.runtime.pipeline import Posterior
-from observer.runtime.prepared_tracker import PreparedTracker
+from observer.runtime.scene_inputs import follows_one, people_followed
 from observer.runtime.service import PosteriorPublisher
+from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY, Frame
 
 NAMES = Vocabulary(("bowing", "lunging"))

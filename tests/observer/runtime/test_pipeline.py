@@ -17,7 +17,7 @@ from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from observer.model.base import Header
-from observer.motion.even_rate import LONGEST_GAP_S, Resampler
+from observer.prepared_tracks import LONGEST_GAP_S, Resampler
 from observer.runtime.pipeline import Observer, Posterior, PosteriorEncoder
 from observer.runtime.send_on_change import MAX_CHANGE, SendOnChange, Summary, distance
 from observer.runtime.service import serve

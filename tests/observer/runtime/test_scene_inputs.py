@@ -8,8 +8,7 @@ import pytest
 
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
-from observer.foreign.sources import MeshTracks, PipedTracks
-from observer.foreign.track_line import frame_of_line
+from observer.foreign import MeshTracks, PipedTracks, frame_of_line
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.rendering.virtual_camera import VirtualCamera

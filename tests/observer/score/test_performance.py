@@ -11,8 +11,8 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.editing import add_movements, remove_movements
+from observer.learning.examples import with_references
 from observer.learning.learn import learn_view
-from observer.learning.references import with_references
 from observer.model.model_file import read_model, write_model
 from observer.motion.archive_file import write_archive
 from observer.motion.projected import view_tracks

@@ -6,7 +6,7 @@ import pytest
 from common import SECOND_NS
 from observer.geometry.views import parse_view
 from observer.motion.projected import view_tracks
-from observer.teaching.clap import ClapWatch
+from observer.teaching.take_watch import ClapWatch
 from observer.tracks import BODY_PARTS, Tracks
 
 

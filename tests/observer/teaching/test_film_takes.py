@@ -17,7 +17,7 @@ from observer.model.model_file import read_model
 from observer.motion.archive import Recording, TracksCamera
 from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker
-from observer.runtime.prepared_tracker import PreparedTracker
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.scene_inputs import ObserverInputs
 from observer.teaching import commands
 from observer.teaching.film_takes import TaughtFilm, add_takes

@@ -19,9 +19,8 @@ from common.wire import decode, encode
 from observer.geometry.views import parse_view
 from observer.model.model_file import read_model
 from observer.motion.archive_file import read_archive
-from observer.motion.even_rate import Resampler
+from observer.prepared_tracks import PreparedTracker, Resampler
 from observer.runtime.pipeline import Observer
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import is_untaught
 from observer.teaching import model_learner, service
 from observer.teaching.service import model_in_force, teachable, why_not

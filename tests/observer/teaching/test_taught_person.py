@@ -9,11 +9,11 @@ from common.floor_place import FloorPlace
 from common.teaching_messages import TaughtPlace, TeachRequest
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import View
-from observer.motion.projected_people import ProjectedPeople
-from observer.people_rows import of_people
+from observer.motion.projected import ProjectedPeople
+from observer.prepared_tracks import PreparedTracker
 from observer.runtime.people_observer import FloorPlacer
-from observer.runtime.prepared_tracker import PreparedTracker
 from observer.teaching.taught_person import TaughtPerson
+from observer.tracking.person_keeper import of_people
 from observer.tracks import WHOLE_BODY, Frame
 
 CORNERS = [

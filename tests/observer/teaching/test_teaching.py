@@ -7,10 +7,10 @@ from common import SECOND_NS
 from common.teaching_messages import LearnedReport, TeachRequest
 from common.vocabulary import RESERVED
 from common.wire import encode
+from observer.learning.taught_takes import doubtful_takes
 from observer.motion.archive import Recording, TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.recording.own_tracks import TracksRecorder
-from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.takes_file import TakesFile
 from observer.teaching.teaching import Teaching
 from observer.tracks import BODY_PARTS, Frame, Outline, SeenPeople, Tracks

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.tracking.cropped_pose import TALL_TORSOS, CroppedPeople, body_of
+from observer.tracking.mediapipe_pose import TALL_TORSOS, CroppedPeople, body_of
 from observer.tracking.people import Body, SearchArea
 from observer.tracking.person_follower import PersonFollower
 

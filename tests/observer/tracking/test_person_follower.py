@@ -9,8 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from observer_stage import rejected
 
-from observer.tracking.company import Company
-from observer.tracking.people import Body, FollowRule, Pose, SearchArea, distinct
+from observer.tracking.people import Body, Company, FollowRule, Pose, SearchArea, distinct
 from observer.tracking.person_follower import APART_S, PersonFollower
 from observer.tracking.search_areas import MotionGrid, Sweep, search_levels
 from observer.tracks import LOST_S

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from observer.tracking.company import OTHER_S
+from observer.tracking.people import OTHER_S
 from observer.tracking.person_keeper import Detection, PersonKeeper
 
 HZ, HEIGHT = 15, 300.0

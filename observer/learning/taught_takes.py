@@ -1,7 +1,8 @@
-"""Doubtful takes: those that are nearer to a take of another movement than to those of their own. Pure.
+"""Takes of a camera's own tracks: which body parts a model learns from, and which takes are doubtful. Pure.
 
-Each take is compared with all others by the distance that models use (`observer.model.nearest_take`). This needs no
-model, so that a teacher hears of such a take before the observers learn.
+A take is doubtful that is nearer to one of another movement than to those of its own. Each is compared with all others
+by the distance that models use (`observer.model.nearest_take`): this needs no model, so that a teacher hears of such a
+take before the observers learn.
 """
 
 from collections import Counter
@@ -10,13 +11,36 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.teaching_messages import DOUBTS_LIMIT, TakeDoubt
-from observer.learning.part_selection import parts_to_learn
+from observer.features import read_trace
 from observer.model.base import Example
-from observer.model.body_trace import read_trace
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, movements_in
 from observer.recording.own_tracks import in_parts
-from observer.tracks import Tracks
+from observer.tracks import Floats, Tracks
+
+SEEN_SHARE = 0.5
+"""A part is learned if it is seen in this share of the frames of each movement's takes."""
+
+
+AUTO = "auto"
+"""In place of names of parts: `parts_to_learn`."""
+
+
+def parts_to_learn(archive: MotionArchive) -> tuple[str, ...]:
+    """The parts that a model of these tracks reads, in their order; all parts if fewer than two remain.
+
+    A part that the camera does not see in SEEN_SHARE of every movement, such as a foot behind a sofa, is no evidence,
+    and a tracker's guesses of it mislead.
+    """
+    seen: dict[str, list[Floats]] = {}
+    for take in movements_in(archive):
+        if take.label:
+            seen.setdefault(take.label, []).append(np.isfinite(take.positions).all(axis=2).mean(axis=0))
+    shares = [np.mean(own, axis=0) for own in seen.values()]
+    least = np.min(shares, axis=0) if shares else np.ones(len(archive.body_parts))
+    parts = tuple(part for part, share in zip(archive.body_parts, least, strict=True) if share >= SEEN_SHARE)
+    return parts if len(parts) > 1 else archive.body_parts
+
 
 CLEARLY = 0.9
 """Another movement's take is nearer if its distance is less than this share of the own movement's nearest."""

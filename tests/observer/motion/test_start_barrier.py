@@ -4,7 +4,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 from common import SECOND_NS
-from observer.runtime.start_barrier import StartBarrier
+from observer.motion.playback import StartBarrier
 
 NOW_NS = 1_700_000_000 * SECOND_NS
 

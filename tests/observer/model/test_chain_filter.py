@@ -12,9 +12,8 @@ from plain_phase_filter import PhaseFilter
 from common.probability import entropy_bits, uniform
 from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
-from observer.filtering.chain_filter import ChainFilter, Dynamics
 from observer.learning.learn import learn_view
-from observer.model.chains import PostureEvidence, Postures, RestPostures
+from observer.model.chain_filter import ChainFilter, Dynamics, PostureEvidence, Postures, RestPostures
 from observer.model.phase import ENTRY, STEP_SHARES
 from observer.motion.projected import view_tracks
 from studies.performer import perform
@@ -23,6 +22,7 @@ FACINGS, PHASES = 2, 8
 CELL_OF = np.array([0, 1, 2, 3, 3, 2, 4, 5])
 """Three movements at two facings; one has two chains at each."""
 MOVEMENTS = 3
+SHAPE = MOVEMENTS, FACINGS, PHASES
 DYNAMICS = Dynamics(np.array(STEP_SHARES), np.array(ENTRY), begin=0.3, forget=0.2, abandon=0.3)
 SEEDS = st.integers(0, 10_000)
 some = settings(max_examples=25, deadline=None)
@@ -46,7 +46,7 @@ class Table:
 
 
 def chain_filter(known, negligible=0.0):
-    return ChainFilter(CELL_OF, MOVEMENTS, FACINGS, PHASES, DYNAMICS, known, negligible)
+    return ChainFilter(CELL_OF, SHAPE, DYNAMICS, known, negligible)
 
 
 @some
@@ -62,7 +62,7 @@ def chain_filter(known, negligible=0.0):
 def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind, facings, steps, under_way):
     rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, steps=np.array(steps), under_way=under_way)
     cell_of = CELL_OF * facings // FACINGS
-    ours = ChainFilter(cell_of, MOVEMENTS, facings, PHASES, dynamics, known, negligible=0.0)
+    ours = ChainFilter(cell_of, (MOVEMENTS, facings, PHASES), dynamics, known, negligible=0.0)
     oracle, first = PhaseFilter(cell_of, PHASES, uniform(MOVEMENTS * facings), dynamics, known), known
     for n in range(12):
         if n in blind:
@@ -138,9 +138,7 @@ def test_the_previous_movement_is_no_answer_during_a_movement(seed):
 @given(seed=SEEDS, seen=st.integers(0, 12), settled=st.integers(1, 5))
 def test_who_is_still_for_long_enough_rests_whatever_the_posture(seed, seen, settled):
     rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, abandon=0.0, settled=settled)
-    filters = [
-        ChainFilter(CELL_OF, MOVEMENTS, FACINGS, PHASES, d, False) for d in (dynamics, replace(DYNAMICS, abandon=0.0))
-    ]
+    filters = [ChainFilter(CELL_OF, SHAPE, d, False) for d in (dynamics, replace(DYNAMICS, abandon=0.0))]
     frames = [(Table.drawn(rng), rng.uniform(0, 0.4)) for _ in range(seen)]
     frames += [(Table(np.zeros((len(CELL_OF), PHASES)), -9.0, np.full((MOVEMENTS, FACINGS), -9.0)), 0.9)] * settled
     for n, (frame, still) in enumerate(frames):
@@ -201,7 +199,7 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
     dynamics = Dynamics(np.array(STEP_SHARES), np.array(ENTRY), 0.05, 0.01)
     counts: dict[float, list[int]] = {0.0: [], 1e-8: []}
     for recording in perform(("3",), labels, seed=4).recordings:
-        exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in counts)
+        exact, quick = (ChainFilter(cell_of, (3, 4, chains.shape[1]), dynamics, known, n) for n in counts)
         chosen = [PostureEvidence(postures, at_rest, 1.0, 5.0) for _ in counts]
         reader = PostureReader(archive.body_parts, recording.rate_hz, max_speed=1.5, hands_weight=0.5)
         for tracks in view_tracks(DOOR, recording, archive.body_parts, archive.body_parts):

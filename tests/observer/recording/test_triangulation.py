@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
 
-from observer.calibration.triangulate import GATE_PX, _linear_points, triangulate_all
 from observer.geometry.projection import pinhole_matrix, project
+from observer.recording.triangulation import GATE_PX, _linear_points, triangulate_all
 
 CAMERAS = np.array([pinhole_matrix(yaw, 0.2, 4.0, 900, (640, 360)) for yaw in (-0.8, 0.0, 0.9, 2.0)])
 SCALES = np.array([1.0, -3.0, 1e-3, 1e4])[:, None, None]

@@ -1,24 +1,111 @@
-"""Frame sources of a foreign tracker: JSON lines on the standard input, or one line a message on a Zenoh key."""
+"""Foreign trackers: 2-D positions that another program has found, one JSON object a line (docs/guide/cameras.md).
+
+The lines come on the standard input, or one a message on a Zenoh key.
+"""
 
 import logging
 import queue
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common import SECOND_NS
 from common.errors import BadInput
 from common.inbox import Inbox
 from common.link import Link
 from common.text import plural
-from observer.camera.base import NOMINAL_HZ, Clock, Report, ignore_report
-from observer.foreign.track_line import MAX_BYTES, frame_of_line
+from observer.camera.base import NOMINAL_HZ, Report, ignore_report
 from observer.motion.playback import FrameSkipper
-from observer.tracks import BODY_PARTS, Frame
+from observer.tracking.person_keeper import PersonKeeper, detection_of, rows_of_people, seen_people
+from observer.tracks import BODY_PARTS, Clock, Frame, Tracks
+
+LARGEST_COORDINATE = 1e12
+"""Of a coordinate, in any unit: the squares of larger ones would overflow float32, and the model would say NaN."""
+Coordinate = Annotated[FiniteFloat, Field(ge=-LARGEST_COORDINATE, le=LARGEST_COORDINATE)]
+Position = tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Annotated[FiniteFloat, Field(ge=0, le=1)]]
+MAX_BYTES = 64 * 1024
+"""Longest line; trackers with hundreds of key points stay below it."""
+LATEST_NS = 2**63 - 1
+"""The last time that a message can carry: the year 2262."""
+SEEN_CONFIDENCE = 0.5
+"""Confidence from which a part counts as seen, as most trackers mean theirs; below it the position is a guess."""
+EXAMPLE = '{"captured_ns": 1700000000000000000, "parts": {"left_hand": [412, 300, 0.9], "right_hand": null}}'
+
+
+class TrackLine(BaseModel):
+    """The keys of a line. parts: name -> [u, v] or [u, v, confidence], u right, v DOWN, any unit; null: not seen.
+
+    captured_ns: capture time (Unix epoch, ns); without it the time of arrival counts. Unknown keys are ignored, since
+    trackers send more than is needed here.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+    captured_ns: Annotated[int, Field(gt=0, le=LATEST_NS)] | None = None
+    parts: dict[str, Position | None]
+
+
+def frame_of_line(line: bytes, body_parts: Sequence[str], arrived_ns: int) -> Frame:
+    """A frame whose content is (P, 3): u, v and confidence (1 where absent) of `body_parts`; a row of NaN: not seen.
+
+    Raises BadInput, one line, for a malformed line, a capture time out of range and a line without any of the parts.
+    """
+    if len(line) > MAX_BYTES:
+        raise BadInput(f"{len(line)} bytes in one line; at most {MAX_BYTES} are read")
+    try:
+        message = TrackLine.model_validate_json(line)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"])) or "the line"
+        raise BadInput(f"{where}: {first['msg']}; e.g. {EXAMPLE}") from None
+    if not any(part in message.parts for part in body_parts):
+        raise BadInput(f"parts: {', '.join(message.parts) or 'none'}; known: {', '.join(body_parts)}")
+    rows = np.full((len(body_parts), 3), np.nan)
+    for row, part in enumerate(body_parts):
+        position = message.parts.get(part)
+        if position is not None:
+            rows[row] = (*position, 1.0)[:3]
+    return Frame(message.captured_ns or arrived_ns, rows)
+
+
+class ForeignTracker:
+    """A `Tracker` of frames whose content is (P, 3): u, v, confidence 0 to 1; NaN: not seen."""
+
+    def __init__(self, body_parts: Sequence[str]) -> None:
+        self.body_parts = tuple(body_parts)
+
+    def update(self, frame: Frame) -> Tracks:
+        """Centres where the confidence is at least SEEN_CONFIDENCE, guesses below."""
+        sure = frame.content[:, 2:] >= SEEN_CONFIDENCE
+        positions = frame.content[:, :2].astype(np.float64)
+        return Tracks(np.where(sure, positions, np.nan), np.where(sure, np.nan, positions))
+
+
+class ForeignPeople:
+    """A `Tracker` of several people, at most `most`, of frames as `ForeignTracker` reads them; recorded: their rows."""
+
+    def __init__(self, recorded: Sequence[str], most: int) -> None:
+        self.body_parts, self._rows = rows_of_people(recorded)
+        self._keeper, self.most = PersonKeeper(most), most
+
+    def update(self, frame: Frame) -> Tracks:
+        """The people who are seen, whichever of the rows they have in this frame."""
+        bodies = []
+        for rows in self._rows:
+            content = frame.content[rows]
+            centres = np.where(content[:, 2:] >= SEEN_CONFIDENCE, content[:, :2].astype(np.float64), np.nan)
+            body = detection_of(centres, centres[np.isfinite(centres).all(axis=1)])
+            bodies += [] if body is None else [body]
+        persons = self._keeper.update(bodies, frame.at_ns)
+        nobody = np.full((len(self.body_parts), 2), np.nan)
+        return Tracks(persons[0].centres if persons else nobody, people=seen_people(persons), persons=persons)
+
 
 log = logging.getLogger("labanmesh.observer")
 TRACKER_SILENCE_S = 0.9
@@ -44,7 +131,8 @@ class LineTracks:
 
     way_out: what to do when no lines come.
 
-    Of the lines that wait for an observer that is too slow, the newest is delivered (`FrameSkipper`).
+    Of the lines that wait for an observer that is too slow, the newest is delivered (`FrameSkipper`). rate_hz: nominal,
+    each line carries its own time.
     """
 
     name: str
@@ -98,34 +186,15 @@ class LineTracks:
             self.report("degraded" if fault else "running", fault)
 
 
-class _LineSource:
-    """The properties that both sources share."""
-
-    __slots__ = ()
-    lines: LineTracks
-
-    @property
-    def rate_hz(self) -> float:
-        """Nominal: each line carries its own time."""
-        return self.lines.rate_hz
-
-    @property
-    def body_parts(self) -> tuple[str, ...]:
-        """The rows of a frame's content."""
-        return self.lines.body_parts
-
-
-@dataclass(slots=True)
-class PipedTracks(_LineSource):
+class PipedTracks:
     """Tracks as JSON lines on a stream, e.g. the standard input; ends when the stream does.
 
     A thread reads the stream, because a blocking read cannot be stopped.
     """
 
-    stream: BinaryIO
-    lines: LineTracks
-    _queue: "queue.Queue[Line | None]" = field(default_factory=lambda: queue.Queue(QUEUE_LINES))
-    _ended: bool = False
+    def __init__(self, stream: BinaryIO, lines: LineTracks) -> None:
+        self.stream, self.lines, self.rate_hz, self.body_parts = stream, lines, lines.rate_hz, lines.body_parts
+        self._queue, self._ended = queue.Queue[Line | None](QUEUE_LINES), False
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """One frame per line."""
@@ -149,13 +218,12 @@ class PipedTracks(_LineSource):
         return None if self._ended and not lines else lines
 
 
-@dataclass(slots=True)
-class MeshTracks(_LineSource):
+class MeshTracks:
     """Tracks on a Zenoh key, one JSON object a message; never ends by itself. Call `listen` before `frames`."""
 
-    key: str
-    lines: LineTracks
-    _inbox: Inbox = field(default_factory=Inbox)
+    def __init__(self, key: str, lines: LineTracks) -> None:
+        self.key, self.lines, self.rate_hz, self.body_parts = key, lines, lines.rate_hz, lines.body_parts
+        self._inbox = Inbox()
 
     def listen(self, link: Link) -> None:
         """Subscribe to the key on the observer's own link."""

@@ -9,7 +9,7 @@ from benchmarks.simulated_falls import DIRECTIONS_DEG, EVERYDAY, everyday, fall
 from common import SECOND_NS
 from observer.geometry.projection import project
 from observer.geometry.views import parse_view
-from observer.lying import LyingReader
+from observer.preview.posture_outlet import LyingReader
 from observer.tracks import WHOLE_BODY
 from studies.performer.perform import PEOPLE
 

@@ -5,17 +5,16 @@ beginning, advances through its phases, and leaves it past the last one into the
 negligible mass are skipped, and phases that no mass can have reached yet.
 """
 
+import copy
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features import groups_of
 from observer.tracks import Floats, Floats32, Integers
-
-if TYPE_CHECKING:
-    from observer.model.chains import PostureEvidence
 
 FLOOR = -69.0
 """Log of 1e-30: the strongest evidence of a single frame against a state."""
@@ -24,6 +23,115 @@ NEGLIGIBLE = 1e-8
 LEAST_LIKELIHOOD = np.float32(math.exp(FLOOR))
 CROWDED = 0.75
 """Chains are dropped when fewer than this share of the live ones still count: copying the others costs time too."""
+
+
+class Postures:
+    """(Φ, D, C) postures by phase, feature and chain, to which the distances of each frame are computed."""
+
+    def __init__(self, postures: NDArray[np.float32]) -> None:
+        # Phases first, chains last: the phases that are reached and the chains that count are a block of memory.
+        self._postures = np.ascontiguousarray(postures, np.float32)
+        groups = groups_of((postures.shape[1] - 2) // 5)
+        self._lengths = np.stack([(self._postures[:, groups == g] ** 2).sum(axis=1) for g in range(groups[-1] + 1)])
+        self._length = self._lengths.sum(axis=0)
+        self._first_of = np.searchsorted(groups, np.arange(groups[-1] + 1))
+        self._chosen: tuple[Postures, Integers] | None = None
+        self._copied = len(postures)
+
+    def select(self, chains: Integers) -> "Postures":
+        """The postures of these chains only. Those of a phase are copied when it is first reached."""
+        selected = copy.copy(self)
+        selected._postures = np.empty((*self._postures.shape[:2], len(chains)), np.float32)
+        selected._lengths, selected._length = self._lengths[:, :, chains], self._length[:, chains]
+        selected._chosen, selected._copied = (self, chains), 0
+        return selected
+
+    def _copy(self, phases: int) -> None:
+        if self._chosen is not None and self._copied < phases:
+            (whole, chains), rows = self._chosen, slice(self._copied, phases)
+            np.take(whole._postures[rows], chains, axis=2, out=self._postures[rows], mode="clip")
+            self._copied = phases
+
+    def squared_distances(self, features: Floats, phases: int) -> Floats32:
+        """(D,) features, NaN where not seen -> (phases, C) squared distances over what is seen, of the first phases.
+
+        |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
+        """
+        self._copy(phases)
+        known = np.isfinite(features)
+        whole = bool(known.all())
+        o = (features if whole else np.where(known, features, 0.0)).astype(np.float32)
+        # A feature is seen together with its group.
+        lengths = self._length[:phases] if whole else self._lengths[known[self._first_of], :phases].sum(axis=0)
+        distances: Floats32 = np.matmul(np.float32(-2) * o, self._postures[:phases])
+        distances += lengths
+        distances += np.float32(o @ o)
+        return np.maximum(distances, 0, out=distances)
+
+
+class RestPostures:
+    """The postures in which chains begin and end, without motion: those of people who rest before and after a movement.
+
+    first, last: (C, D). cell_of: (C,) movement * K + facing of each chain; shape: M, K.
+    """
+
+    def __init__(self, first: Floats, last: Floats, cell_of: Integers, shape: tuple[int, int]) -> None:
+        self._postures, self._shape = Postures(np.concatenate([first, last]).T[None]), shape
+        cells, facings = shape[0] * shape[1], shape[1]
+        chains, facing_of = np.arange(len(cell_of)), cell_of % facings
+        # Rows of weights: the mean over the last postures of each cell, then over all postures of each facing.
+        self._means = np.zeros((cells + facings, 2 * len(chains)), np.float32)
+        self._means[cell_of, len(chains) + chains] = 1 / np.bincount(cell_of)[cell_of]
+        self._means[cells + facing_of, chains] = 0.5 / np.bincount(facing_of)[facing_of]
+        self._means[cells:, len(chains) :] = self._means[cells:, : len(chains)]
+
+    def log_likelihoods(self, features: Floats, sharpness: float) -> tuple[float, Floats]:
+        """(D,) features -> the two logarithms of `PostureEvidence`, rest and after."""
+        likelihood = self._postures.squared_distances(features, 1)[0]
+        likelihood *= np.float32(-sharpness)
+        np.exp(likelihood, out=likelihood)
+        means = (self._means @ likelihood).astype(np.float64)
+        np.maximum(means, math.exp(FLOOR), out=means)
+        # A person at rest faces one way; a mean over all facings would rule rest out.
+        own, of_facing = means[: -self._shape[1]].reshape(self._shape), means[-self._shape[1] :]
+        return math.log(of_facing.max()), np.log(np.maximum(own, of_facing))
+
+
+class PostureEvidence:
+    """The likelihood of the newest frame's features for every chain, phase and rest, which a `ChainFilter` takes in.
+
+    outlier: the largest evidence in nats against a posture compared with the nearest one, so that one error of a
+    tracker or one odd movement of a hand does not decide alone.
+    rest: log of the mean likelihood over the postures at rest of one facing, for the facing where it is largest.
+    after: (M, K) log of the mean likelihood over the movement's last postures, at least that of rest at the facing.
+    """
+
+    def __init__(self, postures: Postures, at_rest: RestPostures, sharpness: float, outlier: float) -> None:
+        self._postures, self._at_rest, self._sharpness = postures, at_rest, sharpness
+        self._least = np.float32(math.exp(-outlier))
+        self._live: Integers | None = None
+        self._of_live, self.rest, self.after = postures, 0.0, np.zeros(0)
+
+    def see(self, features: Floats) -> Self:
+        """One more frame: (D,) features, NaN where not seen."""
+        self._features = features
+        self.rest, self.after = self._at_rest.log_likelihoods(features, self._sharpness)
+        return self
+
+    def chains(self, live: Integers | None, phases: int) -> tuple[Floats32, float]:
+        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of its own.
+
+        live: the chains that count; None: all.
+        """
+        if live is not self._live:
+            self._live, self._of_live = live, self._postures if live is None else self._postures.select(live)
+        likelihood = self._of_live.squared_distances(self._features, phases)
+        nearest = likelihood.min()
+        likelihood -= nearest
+        likelihood *= np.float32(-self._sharpness)
+        np.exp(likelihood, out=likelihood)
+        likelihood += self._least
+        return likelihood, -self._sharpness * float(nearest)
 
 
 @dataclass(frozen=True)
@@ -49,20 +157,19 @@ class Dynamics:
 class ChainFilter:
     """P(movement, facing, phase | frames so far).
 
-    cell_of: (C,) movement * K + facing of each chain; movements M, facings K; phases: of each chain. The prior is
-    uniform over movements that have chains, and over the facings of each. negligible: see NEGLIGIBLE; 0 skips nothing.
+    cell_of: (C,) movement * K + facing of each chain; shape: M, K and the phases of each chain. The prior is uniform
+    over movements that have chains, and over the facings of each. negligible: see NEGLIGIBLE; 0 skips nothing.
     """
 
     def __init__(
         self,
         cell_of: Integers,
-        movements: int,
-        facings: int,
-        phases: int,
+        shape: tuple[int, int, int],
         dynamics: Dynamics,
         onset_known: bool,
         negligible: float = NEGLIGIBLE,
     ) -> None:
+        movements, facings, phases = shape
         self._cell_of, self._shape, self._phases = cell_of, (movements, facings), phases
         self._dynamics, self._negligible = dynamics, negligible
         # (Φ + K - 1, Φ): where each phase's mass goes; the last rows leave the chain.
@@ -82,11 +189,8 @@ class ChainFilter:
             # Without such mass only the first phases are computed.
             shown = phases if dynamics.under_way else len(dynamics.entry)
             self._active = np.tile(np.float32(dynamics.under_way / phases * of_chain), (shown, 1))
-        self._after = np.zeros(movements * facings)
-        self._past = np.zeros(movements * facings)
-        self._moving = onset_known
-        self._begun = not onset_known
-        self._still_frames = 0
+        self._after, self._past = np.zeros(movements * facings), np.zeros(movements * facings)
+        self._moving, self._begun, self._still_frames = onset_known, not onset_known, 0
         # The posterior is read several times per frame, and is a sum over all active mass.
         self._posterior: Floats | None = None
 
@@ -108,7 +212,7 @@ class ChainFilter:
         """P(at rest now), before a movement or after one."""
         return float(min(self._before + self._after.sum(), 1.0))
 
-    def step(self, evidence: "PostureEvidence", still: float = 0.0) -> None:
+    def step(self, evidence: PostureEvidence, still: float = 0.0) -> None:
         """One frame; still: P(the person is still)."""
         self._posterior = None
         if not self._moving:
@@ -119,18 +223,13 @@ class ChainFilter:
         self._condition(evidence)
         self._still_frames = self._still_frames + 1 if still >= 0.5 else 0
         if self._still_frames >= self._dynamics.settled and self.rest < 0.5:
-            self._settle()
+            # In any posture: no movement ends in the one that a tracker shows when it takes a hand for the head.
+            self._active = np.zeros((len(self._entering), len(self._cell_of)), np.float32)
+            self._live, self._before = None, 1.0
+            self._after, self._past = np.zeros_like(self._after), np.zeros_like(self._past)
         self._moving = self.rest < 0.5
-        self._drop_negligible()
-
-    def _settle(self) -> None:
-        """Move all mass to the rest before a movement: a person who is still for this long rests, in any posture.
-
-        No movement ends in the posture that a tracker shows when it takes a hand for the head.
-        """
-        self._active = np.zeros((len(self._entering), len(self._cell_of)), np.float32)
-        self._live, self._before = None, 1.0
-        self._after, self._past = np.zeros_like(self._after), np.zeros_like(self._past)
+        if self._negligible:
+            self._drop_negligible()
 
     def step_blind(self) -> None:
         """One frame in which no part was seen: time passes, and all movements lose the same share to the prior."""
@@ -173,7 +272,7 @@ class ChainFilter:
         self._before -= mass
         self._active[: len(self._entering)] += np.float32(mass) * self._entering
 
-    def _condition(self, evidence: "PostureEvidence") -> None:
+    def _condition(self, evidence: PostureEvidence) -> None:
         likelihood, log_scale = evidence.chains(self._live, len(self._active))
         log_after = evidence.after.ravel()
         top = max(log_scale, evidence.rest, log_after.max())
@@ -190,8 +289,6 @@ class ChainFilter:
         self._past /= total
 
     def _drop_negligible(self) -> None:
-        if not self._negligible:
-            return
         rows = np.flatnonzero(self._active.sum(axis=1) > self._negligible)
         width = max(int(rows[-1]) + 1 if len(rows) else 0, len(self._entering))
         self._active = self._active[:width]
