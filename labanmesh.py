@@ -55,7 +55,7 @@ VERBS = {
     "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
     "hub": Verb("hub.mqtt.commands", "hub", "pass scenes on: to Home Assistant, to notifications, to a file"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
-    "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, also without a camera or by another rule"),
+    "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
     "camera": Verb("observer.camera.commands", "camera", "look through a camera, calibrate it, record with several"),
     "phone": Verb("hub.phone.commands", "phone", "let a phone be the camera of an observer: only tracks leave it"),
     "import": Verb("observer.motion.commands", "import_recordings", "convert other recordings to a motion archive"),
@@ -96,10 +96,6 @@ RENAMED = {
 }
 """Verbs that have moved. Their old names answer for one release."""
 
-REMOVED_OPTIONS = {
-    ("replay", "--onto"): "is gone; let an observer play a recording (source), or look at it: dashboard --capture",
-}
-"""What to use in place of an option of the last release; a line stays for one release."""
 ERROR_LINE_LIMIT = 2000
 INTERRUPTED = 130
 
@@ -277,8 +273,6 @@ def _run(verb: str, words: Sequence[str]) -> int:
 
 def _of_another_form(verb: str, words: Sequence[str], option: str) -> str:
     """`--process: only with --ready`, or `not with`, if another form of the verb has the option; else ""."""
-    if (verb, option) in REMOVED_OPTIONS:
-        return f"{option} {REMOVED_OPTIONS[verb, option]}"
     from typer.main import get_command
 
     forms = [form for of_verb, form in OTHER_FORMS if of_verb == verb]

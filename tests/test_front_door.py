@@ -130,7 +130,6 @@ def test_the_help_of_a_verb_names_the_option_that_turns_it_into_another(run, ver
         ("doctor --ready --json", "doctor: --json: not with --ready"),
         ("evaluate --paper a.npz --views door", "evaluate: --views: not with --paper"),
         ("watch a.toml --foo", "watch: No such option: --foo"),
-        ("replay a.mcap --onto b.toml", "replay: --onto is gone; let an observer play a recording"),
     ],
 )
 def test_an_option_of_another_form_of_a_verb_is_named_as_such(run, words, line):

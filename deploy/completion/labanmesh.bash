@@ -19,7 +19,7 @@ _labanmesh() {
             "hub events") words="" ;;
             "hub "*) words="mqtt events" ;;
             "capture "*) words="--output -o --for" ;;
-            "replay "*) words="--without --rule --quorum --threshold --json" ;;
+            "replay "*) words="--without --rule --quorum --threshold --json --onto --speed --only" ;;
             "camera look") words="--tracker -o --output --frames --pose-model --skin --face --save-skin --view --recording --show" ;;
             "camera calibrate") words="--board --points --read --lens -o --output --origin --lying --apart --up --every" ;;
             "camera place") words="--seconds --observers --gate" ;;

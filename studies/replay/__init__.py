@@ -1,1 +1,1 @@
-"""A capture judged again offline."""
+"""A capture judged again offline, or played back onto a mesh."""

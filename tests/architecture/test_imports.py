@@ -48,7 +48,8 @@ IMPURE = {
         "fusion.publisher fusion.same_id fusion.scene_worker fusion.service "
         "fusion.server fusion.standby hub.dashboard.pictures hub.session "
         "hub.teaching.lesson_server hub.teaching.teaching_client "
-        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign.sources"
+        "hub.phone.phone_lessons hub.phone.running labanmesh_testing.* observer.foreign.sources "
+        "studies.replay.playback"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "

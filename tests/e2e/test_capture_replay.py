@@ -11,6 +11,7 @@ from processes import until
 import labanmesh
 from common.capture_file import CaptureFile
 from common.config import read_scene
+from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.vocabulary import ABSTAIN
 from common.wire import decode
@@ -82,3 +83,31 @@ def test_a_replay_is_the_same_bit_for_bit_and_a_killed_capture_is_its_beginning(
     assert received == payloads(whole, keys.verdict)[: len(received)]
     assert labanmesh.main(["replay", str(killed)]) == 0
     assert "the capture was cut off" in (output := capsys.readouterr().out) and "bit for bit" in output
+
+
+def played_onto(scene, scene_file, whole):
+    """The verdicts of a fusion service onto whose mesh the posteriors of a capture are played."""
+    with process(scene_file, "fuse", scene_file) as fusion, Link.open(scene.mesh, "hub") as hub:
+        judgements, verdicts = hub.inbox(scene.keys.judgement), hub.inbox(scene.keys.verdict)
+        words = ("replay", whole, "--onto", scene_file, "--only", "posteriors")
+        with process(whole, *words) as player:
+            assert player.wait(SOON_S) == 0, player.stdout.read()
+        judgements.take(0.0)
+        until(lambda: any(decode(JudgementMessage, a.payload).agreement.n == 0 for a in judgements.take(0.1)))
+        fusion.send_signal(signal.SIGTERM)
+        assert fusion.wait(SOON_S) == 0
+        return [decode(VerdictMessage, arrival.payload) for arrival in verdicts.take(0.0)]
+
+
+def test_played_onto_a_mesh_fusion_gives_the_same_labels(captured, scene_file):
+    whole, _, _ = captured
+    scene = read_scene(scene_file, {})
+    then = [decode(VerdictMessage, payload) for payload in payloads(whole, scene.keys.verdict)]
+    assert then
+    # It is played in real time, which a busy machine may not keep once.
+    for _ in range(3):
+        now = played_onto(scene, scene_file, whole)
+        assert not {verdict.id for verdict in now} & {verdict.id for verdict in then}
+        if [verdict.label for verdict in now] == [verdict.label for verdict in then]:
+            return
+    raise AssertionError(f"{now}, and it was {then}")
