@@ -261,7 +261,7 @@ def _run(verb: str, words: Sequence[str]) -> int:
     # other processes, for the cores.
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    from common.command_call import call_command
+    from common.command_options import call_command
     from common.files import require_open_files
     from common.interrupt import interruptible
 

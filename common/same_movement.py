@@ -1,4 +1,5 @@
-"""One id for each movement at a listener, by the rules 1 to 3 of wire.md, "One movement, one name". Pure.
+"""One id for each movement at a listener, by the rules 1 to 3 of wire.md, "One movement, one name"; and its last
+verdicts, each movement once. Pure.
 
 Of two equal messages the second is ignored, and so is what follows an end: what may have been lost is sent again.
 """
@@ -111,3 +112,20 @@ class SameMovement:
 def _forget(known: OrderedDict[str, _Known] | OrderedDict[str, str]) -> None:
     if len(known) > LIMIT:
         known.popitem(last=False)
+
+
+Verdicts = tuple[VerdictMessage, ...]
+
+
+def with_verdict(log: Verdicts, verdict: VerdictMessage, limit: int) -> Verdicts:
+    """The `limit` newest arrivals, newest first; a later word on a known movement replaces the one before in place.
+
+    The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show. Older words
+    change nothing: the same object is returned.
+    """
+    for place, known in enumerate(log):
+        if known.id == verdict.id:
+            if (verdict.at_ns, verdict.stage == "ended") < (known.at_ns, known.stage == "ended"):
+                return log
+            return (*log[:place], verdict, *log[place + 1 :])
+    return (verdict, *log)[:limit]

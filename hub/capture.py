@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common import SECOND_NS
-from common.capture_record import APPEARED, GONE, CaptureKind, CaptureRecord
+from common.arrival import APPEARED, GONE, CaptureKind, CaptureRecord
 from common.command_options import ForSeconds
 from common.config import Scene, read_scene
 from common.link import Link

@@ -5,6 +5,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
@@ -233,3 +234,13 @@ class SceneListener:
     def __exit__(self, *_: object) -> None:
         self._ended.set()
         self._thread.join(LISTENER_END_S)
+
+
+def has_right(scene: "Scene", right: str) -> bool:
+    """Whether this process's certificate, if the mesh has any, is for `pictures`, to `teach`, or for `history`."""
+    if not scene.mesh.credentials:
+        return True
+    # Slow to import, and needed only with certificates.
+    from common.credentials import own_certificate
+
+    return own_certificate(Path(scene.mesh.credentials)).is_for(right)

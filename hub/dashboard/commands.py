@@ -111,7 +111,7 @@ def _teach_lines(scene: "Scene", file: str, access: "AccessControl", own: Addres
     from hub.dashboard.access import is_loopback
     from hub.dashboard.serving import NO_TEACH_RIGHT
     from hub.lan import lan_address
-    from hub.rights import has_right
+    from hub.session import has_right
 
     if not access.teaches:
         return

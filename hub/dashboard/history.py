@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from common import MINUTE_NS, SECOND_NS
-from common.capture_record import APPEARED, CaptureRecord
+from common.arrival import APPEARED, CaptureRecord
 from common.keys import observer_of
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
+from common.same_movement import with_verdict
 from common.wire import BadMessage
 from hub.anticipation import probability
 from hub.scene_state import SceneMessage, SceneState, is_waiting
 from hub.session import decode_for_hub
-from hub.verdict_log import with_verdict
 
 if TYPE_CHECKING:
     from common.config import Scene

@@ -19,8 +19,8 @@ from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import PHONE
 from hub.dashboard.access import NO_STORE, AccessControl
 from hub.dashboard.teach_routes import for_teachers
+from hub.phone.register import CODES_PATH, ShownPhone, read_shown_phones
 from hub.phone.register_file import RegisterFile, register_path
-from hub.phone.shown_phone import CODES_PATH, ShownPhone, read_shown_phones
 
 if TYPE_CHECKING:
     from common.config import Scene

@@ -18,15 +18,13 @@ from hub.dashboard.connections import accept_connections, protocol_in, table_for
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.history_routes import history_routes
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
-from hub.dashboard.people_routes import people_routes
 from hub.dashboard.phone_routes import phone_routes
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
-from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
+from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage, people_routes
 from hub.people_names_file import PeopleNames
-from hub.rights import has_right
 from hub.scene_state import SceneState
-from hub.session import SceneListener, SceneUpdate
+from hub.session import SceneListener, SceneUpdate, has_right
 from hub.teaching.lesson_server import LessonServer
 
 if TYPE_CHECKING:

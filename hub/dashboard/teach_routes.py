@@ -4,6 +4,7 @@
    does needs the token in the header Authorization, as `Bearer TOKEN`, or the key that a browser got for the token.
 2. A foreign page cannot send that header; requests that a browser marks as coming from elsewhere are refused too.
 3. Whatever changes something is a POST with JSON; its answer is 204, or one line that says why not.
+4. The names of people are for everybody who looks, given by whoever may teach (access.py, rule 7).
 """
 
 import asyncio
@@ -33,7 +34,7 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.history.notes import forget_in_history, note_corrections
+from hub.history.history_file import forget_in_history, note_corrections
 from hub.home_assistant import home_assistant_advice
 from hub.teaching.lesson_data import action_of, corrections_of, lesson_server_data, plan_of, take_number, unwanted_of
 from hub.teaching.lesson_server import LessonServer
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from common.config import Scene
+    from hub.people_names_file import PeopleNames
 
 log = logging.getLogger("labanmesh.hub")
 TEACH_FILES = {f"/{name}": name for name in ("teach.js", "lesson.js", "figures.js", "teach.css", "lesson.css")}
@@ -252,3 +254,14 @@ async def json_of(request: Request) -> dict[str, Any]:
 
 def _answer(fields: dict[str, Any]) -> Response:
     return JSONResponse(fields, headers={"cache-control": NO_STORE})
+
+
+def people_routes(names: "PeopleNames", access: AccessControl) -> list[Route]:
+    """POST /people with `person` and `name`."""
+
+    async def rename(request: Request) -> Response:
+        fields = await json_of(request)
+        await run_in_threadpool(names.rename, fields.get("person"), fields.get("name"))
+        return Response(status_code=204)
+
+    return [Route("/people", for_teachers(access, rename, 400), methods=["POST"])]

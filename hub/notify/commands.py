@@ -24,8 +24,8 @@ def notify(
     Example: labanmesh notify scene.toml --test
     """
     from hub.notify.notification import request_of, test_notification
-    from hub.notify.notification_queue import NotificationQueue
     from hub.notify.notifying import queue_path, receivers_of
+    from hub.notify.sender import NotificationQueue
 
     config = read_scene(scene)
     receivers = [each for each in receivers_of(config) if name in ("", each.name)]

@@ -16,8 +16,7 @@ from common.messages import VerdictMessage
 from common.text import plural
 from hub.database import DatabaseFault
 from hub.notify.notification import Notification, notification_of, request_of
-from hub.notify.notification_queue import NotificationQueue
-from hub.notify.sender import SENDING, Receiver, WebhookSender
+from hub.notify.sender import SENDING, NotificationQueue, Receiver, WebhookSender
 
 log = logging.getLogger("labanmesh.hub")
 NOTIFICATIONS_LIMIT = 1000

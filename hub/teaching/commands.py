@@ -209,8 +209,8 @@ def _started_here(
     here: ExitStack,
 ) -> Path | None:
     """Start the scene in `here` if nothing of it runs and the person wants it; the path of its log, None if not."""
-    from hub.teaching.scene_here import scene_here
     from hub.teaching.terminal import agrees, wait
+    from hub.teaching.terminal_lesson import scene_here
 
     if presence.alive or config.mesh.mode != "machine":
         return None

@@ -75,7 +75,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
     Without any, all learn what was corrected before. Raises BadInput, and LabanmeshError if nothing could be done.
     """
     from common.teaching_messages import require_person
-    from hub.history.notes import note_corrections
+    from hub.history.history_file import note_corrections
     from hub.teaching.correcting import clock_offsets, correct, correction_of, fusion_ns, learn_corrections
 
     if len(when) != len(labels):
@@ -108,7 +108,7 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
 
 def earlier_takes(file: Path, wanted: str = "") -> None:
     """List the takes that the observers have set aside, or make those with the id `wanted` the takes of now."""
-    from hub.teaching.restoring import list_earlier, restore
+    from hub.teaching.forgetting import list_earlier, restore
 
     with _opened(file) as taught:
         if wanted:
@@ -133,7 +133,7 @@ def forget(
     Example: labanmesh forget sofa.model --labels wave -o sofa.model
     """
     from common.teaching_messages import Unwanted, require_person
-    from hub.history.notes import forget_in_history
+    from hub.history.history_file import forget_in_history
     from hub.teaching.forgetting import clip_keepers_of, untouched_line
     from hub.teaching.forgetting import forget as forget_everywhere
 

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 from common.errors import BadInput, LabanmeshError
 from common.text import plural
 from hub.teaching.interface import Step
-from hub.teaching.self_test import next_verdict
+from hub.teaching.learning import next_verdict
 from hub.teaching.terminal import Terminal
 from hub.teaching.wording import outcome_line
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from common import SECOND_NS
-from common.config_watch import Area
+from common.config_people import Area
 from common.fall_messages import TRACKS_LIMIT, PostureMessage
 from common.subsession import Publisher
 from common.wire import encode

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from common import SECOND_NS
-from common.capture_record import GONE, CaptureRecord
+from common.arrival import GONE, CaptureRecord
 from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import (

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from common import SECOND_NS
-from common.capture_record import APPEARED, CaptureRecord
+from common.arrival import APPEARED, CaptureRecord
 from common.errors import LabanmeshError
 from common.link import Link, Publisher
 from common.messages import (

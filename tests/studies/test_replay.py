@@ -30,7 +30,7 @@ from replay_stage import (
 )
 
 import labanmesh
-from common.capture_record import APPEARED, GONE, CaptureRecord
+from common.arrival import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.message_types import MovementTimes
 from common.messages import Facing, JudgementMessage, VerdictMessage

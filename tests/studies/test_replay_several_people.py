@@ -3,7 +3,7 @@
 import pytest
 from replay_stage import NAMES, NOON, OBSERVERS, ROOT, a_scene, key_of, steps
 
-from common.capture_record import CaptureRecord
+from common.arrival import CaptureRecord
 from common.config_people import PeopleConfig
 from common.floor_place import FloorPlace
 from common.wire import encode, encode_vocabulary

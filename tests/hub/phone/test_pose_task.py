@@ -11,8 +11,7 @@ from tiny_pose_model import model, pose_model
 
 from common import tflite
 from common.errors import BadInput
-from common.flat_buffer import Existing, FlatTable, flat_buffer, floats
-from common.tflite import field, items, number, reference
+from common.tflite import Existing, FlatTable, field, flat_buffer, floats, items, number, reference
 from hub.phone.pose_task import BUFFERS, METADATA_LIST, pose_task, with_scale
 
 
