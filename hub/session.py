@@ -6,13 +6,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from common import SECOND_NS
+from common.config import Scene
 from common.fall_messages import FallMessage
 from common.inbox import Inbox
 from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
+from common.link import Link
 from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.same_movement import SameMovement
@@ -25,10 +27,6 @@ from hub.scene_state import (
     SenderRole,
     is_abstention,
 )
-
-if TYPE_CHECKING:
-    from common.config import Scene
-    from common.link import Link
 
 TAKE_S = 0.1
 """How long one look into the inbox waits, so that a view notices soon that time has passed or that it should end."""
@@ -52,8 +50,8 @@ class SceneUpdate:
 
 
 def listen(
-    scene: "Scene",
-    link: "Link",
+    scene: Scene,
+    link: Link,
     go_on: Callable[[], bool],
     clock: Callable[[], int] = time.time_ns,
     newest_only: bool = False,
@@ -191,8 +189,8 @@ class SceneListener:
 
     def __init__(
         self,
-        scene: "Scene",
-        link: "Link",
+        scene: Scene,
+        link: Link,
         note: Callable[[SceneUpdate], None] = lambda update: None,
         newest_only: bool = True,
     ) -> None:
@@ -236,7 +234,7 @@ class SceneListener:
         self._thread.join(LISTENER_END_S)
 
 
-def has_right(scene: "Scene", right: str) -> bool:
+def has_right(scene: Scene, right: str) -> bool:
     """Whether this process's certificate, if the mesh has any, is for `pictures`, to `teach`, or for `history`."""
     if not scene.mesh.credentials:
         return True

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -14,7 +14,7 @@ from rich.live import Live
 
 from common import SECOND_NS
 from common.command_options import ForSeconds
-from common.config import read_scene
+from common.config import Scene, read_scene
 from common.fall_messages import FallMessage
 from common.lifecycle import stop_on_signals
 from common.link import Link
@@ -25,9 +25,6 @@ from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
 from hub.terminal import render
 from hub.wording import early_line, fall_line, judgement_line, score_line, score_words, verdict_line
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 REDRAW_S = 0.1
 LINE_EVERY_S = 1.0
@@ -71,7 +68,7 @@ class StartNotice:
     began_ns: the time of the first update.
     """
 
-    scene: "Scene"
+    scene: Scene
     file: Path
     began_ns: int = field(default=0, init=False)
 

@@ -6,11 +6,13 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import uvicorn
+from starlette.applications import Starlette
 
 from common import SECOND_NS
+from common.config import Scene
+from common.link import Link
 from common.messages import VerdictMessage
 from hub.dashboard.access import AccessControl
 from hub.dashboard.application import Stream, application
@@ -26,12 +28,6 @@ from hub.people_names_file import PeopleNames
 from hub.scene_state import SceneState
 from hub.session import SceneListener, SceneUpdate, has_right
 from hub.teaching.lesson_server import LessonServer
-
-if TYPE_CHECKING:
-    from starlette.applications import Starlette
-
-    from common.config import Scene
-    from common.link import Link
 
 SERVER_CHECK_S = 0.1
 SHUTDOWN_S = 2
@@ -80,7 +76,7 @@ class Follower:
 
 
 def serve_scene(
-    port: socket.socket, access: AccessControl, setup: PageSetup, scene: "Scene", link: "Link", run: ServingRun
+    port: socket.socket, access: AccessControl, setup: PageSetup, scene: Scene, link: Link, run: ServingRun
 ) -> None:
     """Show the live `scene`; returns when `run` is over."""
 
@@ -121,7 +117,7 @@ def _end(stream: LiveStream, teach: TeachPage) -> None:
 
 @contextmanager
 def _teach_page(
-    access: AccessControl, scene: "Scene", link: "Link", file: str = "SCENE"
+    access: AccessControl, scene: Scene, link: Link, file: str = "SCENE"
 ) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
     if not access.teaches or not has_right(scene, "teach"):
         yield (
@@ -156,7 +152,7 @@ class _PageServer(uvicorn.Server):
 
 
 async def _serve(
-    app: "Starlette",
+    app: Starlette,
     port: socket.socket,
     run: ServingRun,
     close: Callable[[], None],

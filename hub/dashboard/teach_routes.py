@@ -11,8 +11,8 @@ import asyncio
 import json
 import logging
 import secrets
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Awaitable, Callable, Collection
+from typing import Any
 from urllib.parse import urlsplit
 
 from starlette.concurrency import run_in_threadpool
@@ -20,6 +20,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from common.config import Scene
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import LABEL
 from hub.dashboard.access import (
@@ -36,15 +37,10 @@ from hub.dashboard.access import (
 )
 from hub.history.history_file import forget_in_history, note_corrections
 from hub.home_assistant import home_assistant_advice
+from hub.people_names_file import PeopleNames
 from hub.teaching.lesson_data import action_of, corrections_of, lesson_server_data, plan_of, take_number, unwanted_of
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from common.config import Scene
-    from hub.people_names_file import PeopleNames
 
 log = logging.getLogger("labanmesh.hub")
 TEACH_FILES = {f"/{name}": name for name in ("teach.js", "lesson.js", "figures.js", "teach.css", "lesson.css")}
@@ -67,8 +63,8 @@ class TeachPage:
         access: AccessControl,
         lesson_server: LessonServer | None = None,
         off: str = TEACHING_IS_OFF,
-        scene: "Scene | None" = None,
-        hubs: "Callable[[], Collection[str]]" = tuple,
+        scene: Scene | None = None,
+        hubs: Callable[[], Collection[str]] = tuple,
         file: str = "",
     ) -> None:
         self._access, self._lesson_server, self._off, self._scene, self._hubs = access, lesson_server, off, scene, hubs
@@ -256,7 +252,7 @@ def _answer(fields: dict[str, Any]) -> Response:
     return JSONResponse(fields, headers={"cache-control": NO_STORE})
 
 
-def people_routes(names: "PeopleNames", access: AccessControl) -> list[Route]:
+def people_routes(names: PeopleNames, access: AccessControl) -> list[Route]:
     """POST /people with `person` and `name`."""
 
     async def rename(request: Request) -> Response:

@@ -8,6 +8,9 @@ import typer
 
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
+from hub.notify.notification import request_of, test_notification
+from hub.notify.notifying import queue_path, receivers_of
+from hub.notify.sender import NotificationQueue
 
 NO_RECEIVERS = "in the scene file: [notify.phone] with url and preset (docs/guide/notify.md)"
 
@@ -23,10 +26,6 @@ def notify(
 
     Example: labanmesh notify scene.toml --test
     """
-    from hub.notify.notification import request_of, test_notification
-    from hub.notify.notifying import queue_path, receivers_of
-    from hub.notify.sender import NotificationQueue
-
     config = read_scene(scene)
     receivers = [each for each in receivers_of(config) if name in ("", each.name)]
     if not receivers:

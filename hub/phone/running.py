@@ -15,9 +15,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from common.address import Address
+from common.config import Scene
 from common.errors import BadInput
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
@@ -35,9 +35,6 @@ from hub.session import SceneListener, SceneUpdate, has_right
 from hub.teaching.lesson_data import action_of, lesson_server_data, plan_of
 from hub.teaching.lesson_server import TEACHER_LEASE_S, LessonServer
 from hub.teaching.wording import known_labels
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
 STOP_CHECK_S = 0.1
@@ -82,7 +79,7 @@ class PhoneRun:
     teaches: whether phones may teach.
     """
 
-    scene: "Scene"
+    scene: Scene
     observers: tuple[str, ...]
     file: RegisterFile
     listen: Address

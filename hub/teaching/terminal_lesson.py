@@ -10,11 +10,13 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from common.config import Scene
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import open_private
+from common.inbox import Presence
 from common.lifecycle import SUPERVISOR_VARIABLE
+from common.link import Link
 from common.teaching_messages import TeachRequest
 from hub.session import SceneListener
 from hub.teaching.interface import LOOK_S
@@ -23,11 +25,6 @@ from hub.teaching.rehearsal import Rehearsal, RehearsalTerminal, show_recognitio
 from hub.teaching.teaching_client import TeachingClient, names_of
 from hub.teaching.terminal import Terminal, single_keys
 from hub.teaching.wording import NO_RIGHT
-
-if TYPE_CHECKING:
-    from common.config import Scene
-    from common.inbox import Presence
-    from common.link import Link
 
 SCENE_START_S = 60.0
 """Trackers with a pose model take some seconds to start."""
@@ -81,9 +78,9 @@ CAMERAS_S = 20.0
 
 def run_lesson(
     plan: LessonPlan,
-    config: "Scene",
-    link: "Link",
-    presence: "Presence",
+    config: Scene,
+    link: Link,
+    presence: Presence,
     stop: threading.Event,
     rehearsal: Rehearsal | None,
     file: Path,
@@ -105,7 +102,7 @@ def run_lesson(
             show_recognition(rehearsal, interface)
 
 
-def present_observers(scene: "Scene", file: Path, presence: "Presence") -> list[str]:
+def present_observers(scene: Scene, file: Path, presence: Presence) -> list[str]:
     """The observers of the scene file that run; raises LabanmeshError without any."""
     present = names_of(presence, scene)
     if not present:

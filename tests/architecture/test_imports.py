@@ -135,7 +135,7 @@ def test_this_test_finds_the_imports():
     assert ("fusion.engine.engine", "fusion.engine.segmenter") in pairs and ("common.link", "zenoh") in pairs
     lazy = [i for i in all_imports() if i.by == "fusion.commands" and i.of == "fusion.server"]
     assert lazy and not lazy[0].at_import
-    assert any(i.for_types and i.of == "common.link" for i in all_imports() if i.by == "hub.session")
+    assert any(i.for_types and i.of == "common.config" for i in all_imports() if i.by == "hub.mqtt.bridge")
 
 
 def test_packages_import_only_what_they_may():

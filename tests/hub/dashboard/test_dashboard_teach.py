@@ -172,7 +172,7 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     assert lines[0] == f"teach at http://127.0.0.1:8420/teach#{made.made_token}"
     assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
     (line,) = _teach_lines(scene, "s.toml", own, lan)
-    monkeypatch.setattr("hub.session.has_right", lambda scene, what: False)
+    monkeypatch.setattr("hub.dashboard.commands.has_right", lambda scene, what: False)
     assert list(_teach_lines(scene, "s.toml", own, lan)) == [NO_TEACH_RIGHT]
     assert TOKEN not in line and lan.host not in line
 
