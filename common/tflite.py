@@ -192,14 +192,14 @@ def _without_outline(model: bytes) -> bytes:
 def with_fields(model: bytes, changed: "dict[int, Node]") -> bytes:
     """The model with these fields in place of its own."""
     root = reference(model, 0)
-    version = field(model, root, VERSION)
+    version = field_place(model, root, VERSION)
     whole = {VERSION: 0 if version is None else number(model, version), **fields(model, root, range(1, MODEL_SLOTS))}
     return flat_buffer(FlatTable(whole | changed), MODEL, model)
 
 
 def fields(content: bytes, table: int, slots: range) -> "dict[int, int | Node]":
     """What these fields of a table refer to."""
-    places = {slot: field(content, table, slot) for slot in slots}
+    places = {slot: field_place(content, table, slot) for slot in slots}
     return {slot: Existing(reference(content, place)) for slot, place in places.items() if place is not None}
 
 
@@ -213,7 +213,7 @@ def reference(content: bytes, place: int) -> int:
     return place + number(content, place)
 
 
-def field(content: bytes, table: int, slot: int) -> int | None:
+def field_place(content: bytes, table: int, slot: int) -> int | None:
     """Where a field of the table lies; None: it has its default."""
     vtable = table - int(struct.unpack_from("<i", content, table)[0])
     if 4 + 2 * slot >= struct.unpack_from("<H", content, vtable)[0]:
@@ -224,7 +224,7 @@ def field(content: bytes, table: int, slot: int) -> int | None:
 
 def vector(content: bytes, table: int, slot: int) -> range:
     """Where the items of a vector lie, four bytes each."""
-    place = field(content, table, slot)
+    place = field_place(content, table, slot)
     if place is None:
         return range(0)
     start = reference(content, place)

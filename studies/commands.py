@@ -53,7 +53,7 @@ class EvaluateOptions:
     rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product"
     parameter: Parameters = None
     turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0"
-    fault: Annotated[Texts, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")] = None
+    fault: Annotated[Texts, typer.Option(help="VIEW=wrong|noise|silent|late; may be repeated.")] = None
     uncalibrated: Annotated[
         bool, typer.Option("--uncalibrated", help="Observers do not scale their certainty by how often they are right.")
     ] = False
