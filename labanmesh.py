@@ -52,7 +52,7 @@ VERBS = {
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
     "count": Verb("hub.counting.commands", "count", "count the repetitions of a movement live, with a target"),
     "history": Verb("hub.history.commands", "history", "list what happened in a scene, also as CSV or JSON"),
-    "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
+    "notify": Verb("hub.notify.notifying", "notify", "list whom a scene tells of movements and falls; send a test"),
     "hub": Verb("hub.mqtt.commands", "hub", "pass scenes on: to Home Assistant, to notifications, to a file"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),

@@ -12,12 +12,11 @@ from common import SECOND_NS
 from common.config import Scene
 from common.fall_messages import FallMessage
 from common.inbox import Inbox
-from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
 from common.link import Link
 from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
-from common.same_movement import SameMovement
+from common.same_movement import JudgingServices, SameMovement
 from common.wire import BadMessage, decode_from
 from hub.scene_state import (
     MESSAGE_KINDS,

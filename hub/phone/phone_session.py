@@ -11,6 +11,7 @@
 5. A page that looks at pictures lets a question wait and answers at once: the way there is longer than the way back.
    How long the line alone takes there and back a ping tells, which the browser answers itself.
 6. A picture cannot have been taken after its tracks arrived.
+7. The page shows what its observer believes, and what the referee decided.
 """
 
 import json
@@ -32,6 +33,8 @@ from hub.phone.phone_messages import (
     read_message,
 )
 from hub.phone.register import Phone, RefusedError
+from hub.scene_state import SceneState, is_abstention
+from hub.wording import label_words
 
 if TYPE_CHECKING:
     from hub.phone.register_file import RegisterFile
@@ -188,3 +191,31 @@ class PhoneSession:
             line = {"captured_ns": captured_ns, "parts": message.parts}
             outcome.line = json.dumps(line, separators=(",", ":")).encode()
         return outcome
+
+
+def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
+    """own: what the observer holds most probable; judged: the referee; verdict: the newest one; observer: its state.
+
+    known: the movements that are recognised.
+    """
+    own = next((each for each in state.observers if each.name == observer), None)
+    fused = None if state.silent or not state.fused else state.fused[0]
+    verdict, ranked = state.verdict, own.ranked if own is not None and own.is_heard else ()
+    return {
+        "own": {"label": ranked[0].label, "p": round(ranked[0].p, 2)} if ranked else None,
+        "judged": None if fused is None else {"label": fused.label, "p": round(fused.p, 2)},
+        "moves": bool(state.judgement and state.judgement.movement),
+        "why": (state.judgement.why if state.judgement else None) or "",
+        "known": list(state.labels),
+        "observer": own.status.state if own is not None and own.status is not None else "silent",
+        "verdict": None
+        if verdict is None
+        else {
+            "id": verdict.id,
+            "label": "undecided" if is_abstention(verdict) else label_words(verdict),
+            "k": verdict.agreement.k,
+            "n": verdict.agreement.n,
+            "began_ms": verdict.began_ns // MS_NS,
+            "ended": verdict.ended_ns is not None,
+        },
+    }

@@ -26,9 +26,9 @@ from hub.instrumentation import instrumented
 from hub.lan import bound_socket
 from hub.phone.pages import Answer, ShownCodes, StaticPages, code_page, terminal_code
 from hub.phone.phone_messages import LessonRequest
+from hub.phone.phone_session import scene_words
 from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.register_file import RegisterFile
-from hub.phone.scene_words import scene_words
 from hub.phone.serving import PhoneServer, serve_files
 from hub.phone.web_certificate_file import WebCertificate, given_certificate, own_certificate
 from hub.session import SceneListener, SceneUpdate, has_right

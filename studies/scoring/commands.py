@@ -75,7 +75,7 @@ def _score(
 
 def _show(performance: "Recording", judged: "ScoredPerformance", report: Path | None, as_json: bool) -> None:
     """Print one result, and draw its figure into `report`."""
-    from studies.scoring.figure import score_figure
+    from studies.scoring.judging import score_figure
 
     label, subject, trial = performance.label, performance.subject, performance.trial
     words, fields = f"{label}, person {subject}, trial {trial}", judged.as_fields()

@@ -56,7 +56,7 @@ IMPURE = {
         "deploy.doctor.machine deploy.doctor.scene_file deploy.commands "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history hub.database "
         "hub.history.history_file hub.history.service hub.history.history_file "
-        "hub.notify.notifying hub.notify.notifying "
+        "hub.notify.notifying "
         "hub.people_names_file hub.phone.*_file hub.phone.pages hub.session "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
