@@ -80,13 +80,10 @@ def disturb(
     for view, kind in faults.items():
         column = list(views).index(view)
         for n, whole in enumerate(outputs):
-            parts = zip(result[n], whole, outputs[_another(n, len(outputs), rng)], strict=True)
+            another = (n + int(rng.integers(1, len(outputs)))) % len(outputs) if len(outputs) > 1 else n
+            parts = zip(result[n], whole, outputs[another], strict=True)
             for number, (changed, own, other) in enumerate(parts):
                 if changed is not None and own is not None and other is not None:
                     prior = np.nan if number == UNLEARNED else 1.0 / own.shape[-1]
                     changed[:, column] = FAULTS[kind](FaultCase(own[:, column], other[:, column], prior, delay, rng))
     return result
-
-
-def _another(n: int, count: int, rng: np.random.Generator) -> int:
-    return (n + int(rng.integers(1, count))) % count if count > 1 else n

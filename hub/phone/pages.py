@@ -20,7 +20,7 @@ from importlib.resources import files
 
 import segno
 
-from hub.phone.register import CODE_LIFETIME, CODES_PATH, ShownPhone, shown_phones_json
+from hub.phone.register import CODE_LIFETIME, CODES_PATH, SHOWN_PHONES, ShownPhone
 from hub.phone.register_file import RegisterFile
 
 SOCKET_PATH = "/socket"
@@ -176,7 +176,7 @@ def code_page(codes: ShownCodes, live: Callable[[], Mapping[str, object]], path:
     headers = {**HEADERS, "cache-control": "no-store"}
     if path == CODES_PATH:
         shown = tuple(codes.shown(observer, observer in live()) for observer in codes.observers)
-        return Answer(200, shown_phones_json(shown), {**headers, "content-type": "application/json"})
+        return Answer(200, SHOWN_PHONES.dump_json(shown), {**headers, "content-type": "application/json"})
     if path != "/":
         return Answer(404, b"not found\n")
     parts = [_section(codes, observer, observer in live()) for observer in codes.observers]

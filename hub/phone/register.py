@@ -162,13 +162,8 @@ class ShownPhone(BaseModel):
 SHOWN_PHONES = TypeAdapter(tuple[ShownPhone, ...])
 
 
-def shown_phones_json(phones: tuple[ShownPhone, ...]) -> bytes:
-    """The phones as JSON, which `read_shown_phones` reads."""
-    return SHOWN_PHONES.dump_json(phones)
-
-
 def read_shown_phones(body: bytes) -> tuple[ShownPhone, ...]:
-    """Reads what `shown_phones_json` wrote; raises BadInput for anything else."""
+    """Reads what the page with the codes answers; raises BadInput for anything else."""
     try:
         return SHOWN_PHONES.validate_json(body)
     except ValidationError:

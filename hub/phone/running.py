@@ -98,9 +98,11 @@ def run_phones(run: PhoneRun) -> None:
         if run.certificate
         else own_certificate(data_folder() / "authority", run.hosts)
     )
+    # The page with the codes has any free port if the phones' page has.
+    above = run.listen.port + 1 if 0 < run.listen.port < 65535 else 0
     with (
         bound_socket(run.listen, "--listen") as port,
-        bound_socket(Address("127.0.0.1", _port_above(run.listen)), "the port above --listen") as local,
+        bound_socket(Address("127.0.0.1", above), "the port above --listen") as local,
         stop_on_signals(run.for_s) as stop,
         Notifier.from_environment() as supervisor,
         instrumented([scene], "phone") as instrumentation,
@@ -188,8 +190,3 @@ def _show(codes: ShownCodes, page: str) -> None:
         else:
             print(f"{terminal_code(link)}{observer}: scan this with the phone's camera, or open {link}", flush=True)
     print(f"the codes on this machine's screen: {page}", flush=True)
-
-
-def _port_above(listen: Address) -> int:
-    """Of the page with the codes; 0, any free one, if the phones' page has any, too."""
-    return listen.port + 1 if 0 < listen.port < 65535 else 0

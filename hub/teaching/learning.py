@@ -5,17 +5,15 @@ from collections.abc import Callable, Mapping, Sequence
 from common.errors import LabanmeshError
 from common.messages import VerdictMessage
 from common.teaching_messages import LearnedReport, TeachReply
+from common.text import plural
 from common.vocabulary import ABSTAIN
 from hub.teaching.interface import LOOK_S, LessonInterface, Step
 from hub.teaching.participants import Participants
 from hub.teaching.wording import (
-    adopted_line,
-    missing_line,
     outcome_line,
     reference_lines,
     result_lines,
     summary_line,
-    without_takes,
 )
 
 LEARN_LIMIT_S = 900.0
@@ -63,7 +61,8 @@ def adopt(participants: Participants, learned: Mapping[str, LearnedReport]) -> N
         if late:
             participants.request_of("adopt", late)
         if list(interface.fused_labels()) == participants.labels:
-            interface.say(adopted_line(len(participants.observers), participants.labels))
+            count, labels = plural(len(participants.observers), "observer"), ", ".join(participants.labels)
+            interface.say(f"{count} and the fusion service recognise {labels} from now on")
             return
     raise LabanmeshError("the observers have new models; the fusion service has not followed: is it running?")
 
@@ -71,9 +70,12 @@ def adopt(participants: Participants, learned: Mapping[str, LearnedReport]) -> N
 def _leave_out_those_without_takes(participants: Participants) -> int:
     """How many of those that are left out publish; the fusion service follows more than half of all that do."""
     replies = participants.request("status")
-    missing = without_takes(participants.labels, replies)
+    wanted = participants.labels
+    lacks = {name: [each for each in wanted if not reply.takes.get(each)] for name, reply in replies.items()}
+    missing = {name: ", ".join(labels) for name, labels in lacks.items() if labels}
     for name, labels in missing.items():
-        participants.interface.say(missing_line(name, labels))
+        line = f"{name}: has no take of {labels}, and cannot learn; it goes on with its old model"
+        participants.interface.say(line)
     participants.observers = [name for name in participants.observers if name not in missing]
     others = sum(bool(replies[name].pictures and replies[name].labels) for name in missing)
     if len(participants.observers) <= others:

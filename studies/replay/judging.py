@@ -1,7 +1,7 @@
 """Judges a capture again offline, from its judgements, and compares the verdicts. Pure."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
@@ -17,7 +17,6 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode, is_short
-from studies.fusion_engine import EngineOutput
 from studies.replay.comparison import ReplayResult, VerdictRecord, compare_verdicts
 from studies.replay.from_judgements import Gap, JudgementReplay, ReplayChange
 
@@ -144,7 +143,7 @@ def _from_judgements(
             last[person], output = _step(judgement), replay_of(person).fuse(judgement)
             if output is not None:
                 same += encode(output.judgement, full=not is_short(judgement)) == record.payload
-                verdicts += _verdict_records([output])
+                verdicts += [VerdictRecord(verdict, encode(verdict)) for verdict in output.verdicts]
             number += 1
             if number % PROGRESS_EVERY == 0:
                 progress("judging again", number, summary.judgements)
@@ -165,12 +164,6 @@ def _from_judgements(
 def _step(judgement: JudgementMessage) -> tuple[str, str | None, int]:
     """The key of a step."""
     return judgement.fusion, judgement.session, judgement.seq
-
-
-def _verdict_records(outputs: Iterable[EngineOutput]) -> Iterator[VerdictRecord]:
-    for output in outputs:
-        for verdict in output.verdicts:
-            yield VerdictRecord(verdict, encode(verdict))
 
 
 def _vocabularies(message: VocabularyMessage) -> dict[str, Vocabulary]:

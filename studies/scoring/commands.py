@@ -52,6 +52,7 @@ def _score(
     from observer.motion.archive_file import read_archive
     from studies.output_files import make_folder
     from studies.scoring.judging import Judges
+    from studies.sensors import key_of
 
     archive = read_archive(performances)
     is_same = references is None or references.resolve() == performances.resolve()
@@ -68,7 +69,9 @@ def _score(
     with ProgressBar() as bar:
         for n, each in enumerate(performed):
             bar("scoring", n, len(performed))
-            others = [take for take in takes if take.label == each.label and not (is_same and _are_one(take, each))]
+            alike = [take for take in takes if take.label == each.label]
+            # A take is no reference for itself.
+            others = [take for take in alike if not (is_same and key_of(take) == key_of(each))]
             own = [take for take in others if references is not None or take.subject != each.subject]
             _show(each, judges.judge(each, own), report, as_json)
 
@@ -86,11 +89,6 @@ def _show(performance: "Recording", judged: "ScoredPerformance", report: Path | 
     if report is not None and (best := judged.figure_of()) is not None:
         name = f"{label}-{subject}-{trial}.svg".replace("/", "_")
         (report / name).write_text(score_figure(words, best, judged.remarks), encoding="utf-8")
-
-
-def _are_one(one: "Recording", other: "Recording") -> bool:
-    """Whether two recordings of one archive are the same take: it is no reference for itself."""
-    return (one.label, one.subject, one.trial) == (other.label, other.subject, other.trial)
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,7 +181,7 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     ("fields", "line"),
     [({"labels": []}, "name at least one movement"), ({}, "a list of names"), ({"labels": [3, 4]}, "a list of names"),
      ({"labels": ["wave"]}, "one movement alone cannot be told"), ({"labels": ["wave", " "]}, "has no name"),
-     ({"labels": ["wave", "a/b"]}, "'a/b': use lower case letters"), ({"labels": ["wave", "wave"]}, "named twice"),
+     ({"labels": ["wave", "a/b"]}, "'a/b': use 1 to 64 lower"), ({"labels": ["wave", "wave"]}, "named twice"),
      ({"labels": ["wave", "abstain"]}, "choose another name"), ({"labels": ["wave", "rest"]}, "choose another name"),
      ({"labels": ["ok"], "add": True}, "one movement alone"),
      ({"labels": [f"m{n}" for n in range(31)]}, "at most 30"), ({**PLAN, "takes": 1}, "takes: a number from 2 to 20"),
