@@ -15,8 +15,8 @@ from observer.learning.learn_options import Facing, ModelKind, Parameters, Place
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
-    from studies.evaluate import EvaluationSettings
     from studies.evaluated_archives import EvaluatedArchives
+    from studies.settings import EvaluationSettings
 
 LabelSets = Annotated[Texts, typer.Option(help="Movements separated by commas, or a set as AS1; repeat for more sets.")]
 BodyParts = Annotated[str, typer.Option(help="Parts to use, separated by commas; default: all that are recorded.")]
@@ -184,8 +184,8 @@ def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "Evalu
     """The settings of the evaluation; raises BadInput for values that are none."""
     from observer.motion.archive import labels_of
     from observer.motion.sensors import require_shared_labels
-    from studies.evaluate import EvaluationSettings
     from studies.faults import parse_fault
+    from studies.settings import EvaluationSettings
     from studies.trials import labels_in, unlearned_and_background
 
     known = labels_of(archives.whole)

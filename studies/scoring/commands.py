@@ -4,17 +4,18 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import plural, split_list
-
-if TYPE_CHECKING:
-    from observer.motion.archive import Recording
-    from studies.scoring.judging import ScoredPerformance
+from observer.motion.archive import Recording, movements_in
+from observer.motion.archive_file import read_archive
+from studies.output_files import make_folder
+from studies.scoring.judging import Judges, ScoredPerformance, score_figure
+from studies.sensors import key_of
 
 DEFAULT_VIEWS = "door,wheel,yaw:45,yaw:315"
 
@@ -48,12 +49,6 @@ def _score(
     performances: Path, references: Path | None, choice: "_Choice", views: str, report: Path | None, as_json: bool
 ) -> None:
     """Score each performance of the choice, and show it."""
-    from observer.motion.archive import movements_in
-    from observer.motion.archive_file import read_archive
-    from studies.output_files import make_folder
-    from studies.scoring.judging import Judges
-    from studies.sensors import key_of
-
     archive = read_archive(performances)
     is_same = references is None or references.resolve() == performances.resolve()
     shown = archive if references is None or is_same else read_archive(references)
@@ -76,10 +71,8 @@ def _score(
             _show(each, judges.judge(each, own), report, as_json)
 
 
-def _show(performance: "Recording", judged: "ScoredPerformance", report: Path | None, as_json: bool) -> None:
+def _show(performance: Recording, judged: ScoredPerformance, report: Path | None, as_json: bool) -> None:
     """Print one result, and draw its figure into `report`."""
-    from studies.scoring.judging import score_figure
-
     label, subject, trial = performance.label, performance.subject, performance.trial
     words, fields = f"{label}, person {subject}, trial {trial}", judged.as_fields()
     if as_json:

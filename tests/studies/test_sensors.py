@@ -18,11 +18,12 @@ from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive, Recording, retime
 from observer.motion.archive_file import read_archive, write_archive
 from studies.commands import evaluate as evaluate_command
-from studies.evaluate import EvaluationSettings, evaluate
+from studies.evaluate import evaluate
 from studies.evaluated_archives import BackgroundArchives, read_archives
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
 from studies.sensors import frames_at_fractions, performances, read_sensors
+from studies.settings import EvaluationSettings
 from studies.stream import judge_streams
 
 LABELS = ("ok", "shake", "lunging")
