@@ -52,7 +52,7 @@ VERBS = {
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
     "count": Verb("hub.counting.commands", "count", "count the repetitions of a movement live, with a target"),
     "history": Verb("hub.history.commands", "history", "list what happened in a scene, also as CSV or JSON"),
-    "notify": Verb("hub.notify.commands", "notify", "list whom a scene tells of movements and falls; send a test"),
+    "notify": Verb("hub.notify.notifying", "notify", "list whom a scene tells of movements and falls; send a test"),
     "hub": Verb("hub.mqtt.commands", "hub", "pass scenes on: to Home Assistant, to notifications, to a file"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
@@ -261,7 +261,7 @@ def _run(verb: str, words: Sequence[str]) -> int:
     # other processes, for the cores.
     for library in ("OMP", "OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    from common.command_call import call_command
+    from common.command_options import call_command
     from common.files import require_open_files
     from common.interrupt import interruptible
 

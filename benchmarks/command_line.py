@@ -8,7 +8,7 @@ from pathlib import Path
 
 import typer
 
-from common.command_call import call_command
+from common.command_options import call_command
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.interrupt import interruptible
 

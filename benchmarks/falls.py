@@ -24,7 +24,7 @@ import typer
 from benchmarks.command_line import run_command
 from benchmarks.simulated_falls import DIRECTIONS_DEG, EVERYDAY, everyday, fall
 from common import SECOND_NS
-from common.config_watch import FallenConfig
+from common.config_people import FallenConfig
 from common.errors import BadInput
 from common.fall_messages import FallStage
 from fusion.engine.falls import FallDetector

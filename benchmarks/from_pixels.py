@@ -31,21 +31,11 @@ from observer.runtime.pipeline import Observer
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, Frame, Tracks
-from studies.evaluate import (
-    EvaluationResult,
-    EvaluationSettings,
-    Progress,
-    TrialResult,
-    evaluate,
-    folds_of,
-    fuse_again,
-    learn,
-    onset_of,
-    trials_of,
-)
+from studies.evaluate import EvaluationResult, TrialResult, evaluate, fuse_again, learn
 from studies.report import as_json
 from studies.report_text import as_text
 from studies.sensors import with_parts
+from studies.settings import EvaluationSettings, Progress, folds_of, onset_of, trials_of
 from studies.trials import IDLE_NOISE_M, EvaluationTrial, labels_in
 
 PICTURE_RATE_HZ = 30.0

@@ -22,8 +22,8 @@ from playwright.sync_api import Route, sync_playwright
 from benchmarks.clips.material import Clip, gesture_clips, pictures_of
 from benchmarks.command_line import recordings_folder, run_command
 from common import SECOND_NS
+from hub.phone.pages import StaticPages
 from hub.phone.pose_model_file import data_folder, read_files
-from hub.phone.static_pages import StaticPages
 from observer.files import read_arrays, write_arrays
 from observer.motion.importers.florence3d import FLORENCE_HZ
 from observer.tracks import BODY_PARTS, Floats

@@ -20,7 +20,7 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from pydantic import ValidationError
 
-from common.capture_record import CaptureKind, CaptureRecord
+from common.arrival import CaptureKind, CaptureRecord
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.message_types import LAST_INTEGER

@@ -13,10 +13,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from common.config_events import HistoryConfig, NotifyConfig
-from common.config_hub import EVERY_MOVEMENT, HubConfig, MqttConfig
+from common.config_hub import EVERY_MOVEMENT, HistoryConfig, HubConfig, MqttConfig, NotifyConfig
 from common.config_input import faults_of, override, without_faults
-from common.config_people import PeopleConfig
+from common.config_people import PeopleConfig, WatchConfig
 from common.config_sections import (
     FusionConfig,
     MeshConfig,
@@ -27,7 +26,6 @@ from common.config_sections import (
     TeachingConfig,
     default_quorum,
 )
-from common.config_watch import WatchConfig
 from common.errors import BadInput, Faults, noting, reason_of
 from common.files import expand_home, read_toml
 from common.keys import SceneKeys, identifier

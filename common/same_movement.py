@@ -1,12 +1,17 @@
-"""One id for each movement at a listener, by the rules 1 to 3 of wire.md, "One movement, one name". Pure.
+"""What a listener takes of verdicts: one id for each movement, by the rules of wire.md, "One movement, one name"; the
+last ones, each movement once; and those of services that judge. Pure.
 
-Of two equal messages the second is ignored, and so is what follows an end: what may have been lost is sent again.
+1. Of two equal messages the second is ignored, and so is what follows an end: what may have been lost is sent again.
+2. A verdict of a process that nobody has heard of is nobody's judgement: anybody may publish on a mesh without
+   certificates, and messages of another time are played onto it (`replay --onto`). A service is known by a judgement,
+   and one that stands by, or has just started, by its status.
 """
 
 from collections import OrderedDict
 from dataclasses import dataclass
 
-from common.messages import JudgementMessage, VerdictMessage
+from common.fall_messages import FallMessage
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 
 LIMIT = 64
 """Movements that are remembered."""
@@ -111,3 +116,44 @@ class SameMovement:
 def _forget(known: OrderedDict[str, _Known] | OrderedDict[str, str]) -> None:
     if len(known) > LIMIT:
         known.popitem(last=False)
+
+
+Verdicts = tuple[VerdictMessage, ...]
+
+
+def with_verdict(log: Verdicts, verdict: VerdictMessage, limit: int) -> Verdicts:
+    """The `limit` newest arrivals, newest first; a later word on a known movement replaces the one before in place.
+
+    The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show. Older words
+    change nothing: the same object is returned.
+    """
+    for place, known in enumerate(log):
+        if known.id == verdict.id:
+            if (verdict.at_ns, verdict.stage == "ended") < (known.at_ns, known.stage == "ended"):
+                return log
+            return (*log[:place], verdict, *log[place + 1 :])
+    return (verdict, *log)[:limit]
+
+
+SERVICES_LIMIT = 64
+"""Services that are remembered, each with its id and session: names can be invented, and a service that is started
+again has a new session."""
+
+
+class JudgingServices:
+    """Remembers the newest SERVICES_LIMIT services."""
+
+    def __init__(self) -> None:
+        self._heard: OrderedDict[tuple[str, str | None], None] = OrderedDict()
+
+    def hear(self, message: JudgementMessage | StatusMessage) -> None:
+        """Take in a judgement that is no verdict, or a fusion service's status."""
+        service = (message.fusion if isinstance(message, JudgementMessage) else message.id), message.session
+        self._heard[service] = None
+        self._heard.move_to_end(service)
+        if len(self._heard) > SERVICES_LIMIT:
+            self._heard.popitem(last=False)
+
+    def knows(self, verdict: VerdictMessage | FallMessage) -> bool:
+        """Whether the verdict, or the stage of a fall, is of a service that was heard of; true before the first one."""
+        return not self._heard or (verdict.fusion, verdict.session) in self._heard

@@ -8,7 +8,6 @@ import logging
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from common import SECOND_NS
 from common.config import Scene
@@ -21,10 +20,8 @@ from common.subsession import Publisher
 from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.engine.falls import FallDetector, FallState
 from fusion.people import ScenePeople
-
-if TYPE_CHECKING:
-    from fusion.scene_worker import SceneWorker
-    from fusion.service import Service
+from fusion.scene_worker import SceneWorker
+from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
 EVERY_NS = SECOND_NS
@@ -44,10 +41,10 @@ class FallWatch:
     def __init__(
         self,
         scene: Scene,
-        service: "Service",
+        service: Service,
         after_s: float,
         memory: Path | None = None,
-        worker: Callable[[], "SceneWorker | None"] = lambda: None,
+        worker: Callable[[], SceneWorker | None] = lambda: None,
     ) -> None:
         self.owns = False
         self._service, self._worker = service, worker
@@ -126,7 +123,7 @@ class _WatchedPerson:
     def __init__(
         self,
         scene: Scene,
-        service: "Service",
+        service: Service,
         after_s: float,
         publisher: Publisher,
         memory: Path | None,

@@ -19,8 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from common import SECOND_NS
-from common.floor_place import BODY_SPREAD_M, KEEP, PERSON_GATE, FloorPlace
-from common.matching import best_matching
+from common.floor_place import BODY_SPREAD_M, KEEP, PERSON_GATE, FloorPlace, best_matching
 from common.probability import Floats
 from fusion.person_motion import Motion
 

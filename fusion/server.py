@@ -31,7 +31,6 @@ from fusion.membership import SceneMember
 from fusion.ownership import Role
 from fusion.publisher import JudgementBatch, put_now
 from fusion.same_id import IdCheck
-from fusion.scene_worker import SceneWorker, StepInput
 from fusion.service import Service
 
 log = logging.getLogger("labanmesh.fusion")
@@ -142,17 +141,21 @@ class FusionServer:
 
     def step(self) -> ServerStep:
         """Wait until something is due, at most one period, and do it."""
-        arrivals = self._take()
+        arrivals, of_scenes = self._take(), dict[str, list[Arrival]]()
         begun_s = self._ticks()
+        for arrival in arrivals:
+            of_scenes.setdefault(scene_of(arrival.key), []).append(arrival)
         received = read = 0
         published: list[VerdictMessage] = []
         # In batches, so that the posteriors of the first scenes do not grow old when many are due.
-        for batch in _batched(self._due(_by_scene(arrivals)), BATCH):
+        for batch in _batched(self._due(of_scenes), BATCH):
             workers = [(member.current(self._ticks()), own) for member, own in batch]
             steps = [(worker, worker.collect(own)) for worker, own in workers if worker is not None]
             received += sum(step.received for _, step in steps)
             read += sum(step.read for _, step in steps)
-            published += _finished(steps)
+            pools = iter(pool_steps([case for _, step in steps for case in step.cases]))
+            for worker, step in steps:
+                published += worker.finish(step, pools)
             self._judgements_out.flush()
             # No listener waits for the rest.
             for worker, _ in steps:
@@ -177,7 +180,8 @@ class FusionServer:
 
     def _take(self) -> list[Arrival]:
         """What has arrived, with the rest of a frame set that has begun to arrive; waits until something is due."""
-        arrivals = self._inbox.take(self._pause_s())
+        pause_s = BATCH_PAUSE_S if self._polled else max(0.0, min(self._due_s) - self._ticks())
+        arrivals = self._inbox.take(pause_s)
         if self._polled or not 0 < len(arrivals) <= FLOOD:
             return arrivals
         waits_until_s = self._ticks() + FRAME_SET_WAIT_S
@@ -187,9 +191,6 @@ class FusionServer:
             self._frame_set.add(more)
             arrivals += more
         return arrivals
-
-    def _pause_s(self) -> float:
-        return BATCH_PAUSE_S if self._polled else max(0.0, min(self._due_s) - self._ticks())
 
     def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneMember, Sequence[Arrival]]]:
         """Scenes with arrivals, and scenes whose time has come."""
@@ -257,20 +258,6 @@ class SteadyClock:
         if abs(offset_ns - self._offset_ns) > MOST_DRIFT_NS:
             log.info("the clock of this machine was set by %+.3f s", (offset_ns - self._offset_ns) / SECOND_NS)
             self._offset_ns = offset_ns
-
-
-def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[VerdictMessage]:
-    """Pool all cases together, and finish each step."""
-    pools = iter(pool_steps([case for _, step in steps for case in step.cases]))
-    for worker, step in steps:
-        yield from worker.finish(step, pools)
-
-
-def _by_scene(arrivals: Iterable[Arrival]) -> dict[str, list[Arrival]]:
-    result: dict[str, list[Arrival]] = {}
-    for arrival in arrivals:
-        result.setdefault(scene_of(arrival.key), []).append(arrival)
-    return result
 
 
 def _batched(

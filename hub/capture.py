@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common import SECOND_NS
-from common.capture_record import APPEARED, GONE, CaptureKind, CaptureRecord
+from common.arrival import APPEARED, GONE, CaptureKind, CaptureRecord
 from common.command_options import ForSeconds
 from common.config import Scene, read_scene
+from common.lifecycle import stop_on_signals
 from common.link import Link
 from common.text import plural
 
@@ -49,7 +50,6 @@ def capture(
     Example: labanmesh capture scene.toml -o monday.mcap --for 3600
     """
     from common.capture_file import CaptureWriter
-    from common.lifecycle import stop_on_signals
 
     config = read_scene(scene)
     text = scene.read_text(encoding="utf-8")

@@ -7,16 +7,13 @@ import json
 import threading
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from pydantic import TypeAdapter
 
+from common.config import Scene
 from common.config_people import NAME_LIMIT
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import read_text, replace_file
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 _NAMES = TypeAdapter(dict[str, str])
 
@@ -27,7 +24,7 @@ class PeopleNames:
     Raises BadInput for a damaged file, LabanmeshError for one that cannot be read.
     """
 
-    def __init__(self, scene: "Scene") -> None:
+    def __init__(self, scene: Scene) -> None:
         self._ids, self._path = scene.people.ids, scene.place(f"{scene.scene}.people.json")
         self._changing = threading.Lock()
         self.names: Mapping[str, str] = _read(self._path) if scene.people.most > 1 else {}

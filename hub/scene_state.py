@@ -17,9 +17,9 @@ from common.messages import (
     Vote,
     VoteState,
 )
+from common.same_movement import with_verdict
 from common.vocabulary import ABSTAIN
 from hub import people, same_id
-from hub.verdict_log import with_verdict
 
 VERDICTS_LIMIT = 10
 VERDICTS_WAIT_LIMIT = 1000

@@ -5,16 +5,18 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from pathlib import Path
+from typing import Self
 
 from common import SECOND_NS
+from common.config import Scene
 from common.fall_messages import FallMessage
 from common.inbox import Inbox
-from common.judging_services import JudgingServices
 from common.keys import SceneKeys, observer_of
+from common.link import Link
 from common.message_checks import check_vocabulary
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
-from common.same_movement import SameMovement
+from common.same_movement import JudgingServices, SameMovement
 from common.wire import BadMessage, decode_from
 from hub.scene_state import (
     MESSAGE_KINDS,
@@ -24,10 +26,6 @@ from hub.scene_state import (
     SenderRole,
     is_abstention,
 )
-
-if TYPE_CHECKING:
-    from common.config import Scene
-    from common.link import Link
 
 TAKE_S = 0.1
 """How long one look into the inbox waits, so that a view notices soon that time has passed or that it should end."""
@@ -51,8 +49,8 @@ class SceneUpdate:
 
 
 def listen(
-    scene: "Scene",
-    link: "Link",
+    scene: Scene,
+    link: Link,
     go_on: Callable[[], bool],
     clock: Callable[[], int] = time.time_ns,
     newest_only: bool = False,
@@ -190,8 +188,8 @@ class SceneListener:
 
     def __init__(
         self,
-        scene: "Scene",
-        link: "Link",
+        scene: Scene,
+        link: Link,
         note: Callable[[SceneUpdate], None] = lambda update: None,
         newest_only: bool = True,
     ) -> None:
@@ -233,3 +231,13 @@ class SceneListener:
     def __exit__(self, *_: object) -> None:
         self._ended.set()
         self._thread.join(LISTENER_END_S)
+
+
+def has_right(scene: Scene, right: str) -> bool:
+    """Whether this process's certificate, if the mesh has any, is for `pictures`, to `teach`, or for `history`."""
+    if not scene.mesh.credentials:
+        return True
+    # Slow to import, and needed only with certificates.
+    from common.credentials import own_certificate
+
+    return own_certificate(Path(scene.mesh.credentials)).is_for(right)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
@@ -14,7 +14,7 @@ from rich.live import Live
 
 from common import SECOND_NS
 from common.command_options import ForSeconds
-from common.config import read_scene
+from common.config import Scene, read_scene
 from common.fall_messages import FallMessage
 from common.lifecycle import stop_on_signals
 from common.link import Link
@@ -24,10 +24,7 @@ from hub.anticipation import NEVER, Anticipation, EarlyWord
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
 from hub.terminal import render
-from hub.wording import early_line, fall_line, judgement_line, score_line, score_words, verdict_line
-
-if TYPE_CHECKING:
-    from common.config import Scene
+from hub.wording import clock_time, early_line, fall_line, judgement_line, label_words, score_words, verdict_line
 
 REDRAW_S = 0.1
 LINE_EVERY_S = 1.0
@@ -71,7 +68,7 @@ class StartNotice:
     began_ns: the time of the first update.
     """
 
-    scene: "Scene"
+    scene: Scene
     file: Path
     began_ns: int = field(default=0, init=False)
 
@@ -145,7 +142,8 @@ def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None
                 shown[verdict_id] = label
                 scored = verdict_id if score_words(verdict) else scored
             case VerdictMessage(id=verdict_id) as verdict if verdict_id != scored and score_words(verdict):
-                print(score_line(verdict), flush=True)
+                ended = f"{label_words(verdict)} ended, {score_words(verdict)}"
+                print(clock_time(verdict.began_ns), "score", ended, sep="  ", flush=True)
                 scored = verdict_id
         due = abs(state.now_ns - shown_ns) >= LINE_EVERY_S * SECOND_NS
         if state.judgement and state.silence_s < LINE_EVERY_S and due:

@@ -184,11 +184,6 @@ def verdict_line(verdict: VerdictMessage) -> str:
     return "  ".join([*phrases, bits(verdict.certainty_bits), *filter(None, details)])
 
 
-def score_line(verdict: VerdictMessage) -> str:
-    """The score of an ended movement as one line: `14:03:22  score  squat ended, 7.8 of 10; left knee: ...`."""
-    return "  ".join([clock_time(verdict.began_ns), "score", f"{label_words(verdict)} ended, {score_words(verdict)}"])
-
-
 def score_words(verdict: VerdictMessage) -> str:
     """`7.8 of 10; left knee: 12 degrees too straight at 60 %`, or why it is not scored; empty where nobody scores."""
     if verdict.score is None:

@@ -4,17 +4,14 @@ import secrets
 import threading
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from common.errors import BadInput
+from common.keys import SceneKeys
+from common.link import Link
 from common.messages import PosteriorMessage, VocabularyHash
 from common.text import nearest
+from common.vocabulary import Vocabulary
 from common.wire import encode
-
-if TYPE_CHECKING:
-    from common.keys import SceneKeys
-    from common.link import Link
-    from common.vocabulary import Vocabulary
 
 Ballot = tuple[str | None, float] | tuple[str | None, float, float]
 """Label (None: the person rests), seconds, and the probability of the label."""
@@ -27,7 +24,7 @@ RESTS, MOVES = 0.97, 0.03
 class StubObserver:
     """Votes by a script; before and after it the person rests. It is present on the mesh until `leave`."""
 
-    def __init__(self, name: str, keys: "SceneKeys", vocabulary: "Vocabulary", link: "Link") -> None:
+    def __init__(self, name: str, keys: SceneKeys, vocabulary: Vocabulary, link: Link) -> None:
         self.name = name
         self._scene, self._vocabulary, self._link = keys.scene, vocabulary, link
         self._reference = VocabularyHash(name=vocabulary.name, hash=vocabulary.digest)

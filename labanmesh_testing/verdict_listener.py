@@ -3,16 +3,14 @@
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
+from common.keys import SceneKeys
+from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.same_movement import SameMovement
 from common.wire import BadMessage, decode
 from labanmesh_testing.mesh import running
-
-if TYPE_CHECKING:
-    from common.keys import SceneKeys
-    from common.link import Link
 
 LISTENER_TAKE_S = 0.05
 """How long one look into the inbox waits, so that the end of a scene is soon noticed."""
@@ -26,7 +24,7 @@ class VerdictListener:
     id, and only the last has `ended_ns`.
     """
 
-    def __init__(self, keys: "SceneKeys", link: "Link") -> None:
+    def __init__(self, keys: SceneKeys, link: Link) -> None:
         self.verdicts: list[VerdictMessage] = []
         self.judgement: JudgementMessage | None = None
         self._fault: Exception | None = None
@@ -115,7 +113,7 @@ class VerdictListener:
 
 
 @contextmanager
-def listening(keys: "SceneKeys", link: "Link") -> Iterator[VerdictListener]:
+def listening(keys: SceneKeys, link: Link) -> Iterator[VerdictListener]:
     """A listener with a thread of its own; an exception of a callback is raised by the next wait, or at the end."""
     listener = VerdictListener(keys, link)
     with running(listener._listen):

@@ -20,11 +20,11 @@ from observer.geometry.views import View, parse_view, split_views
 from observer.motion.archive import MotionArchive, common_rate, select
 from observer.motion.archive_file import read_archive
 from observer.tracks import Floats
-from studies.evaluate import Progress, check_names
 from studies.fusion_engine import DEFAULT_RULE, get_rule
 from studies.metrics import accuracy, expected_calibration_error, log_loss
 from studies.output_files import require_writable, write_text
 from studies.report import FRACTIONS, figures, prepare_report
+from studies.settings import Progress, check_names
 
 FUSED = "fused"
 

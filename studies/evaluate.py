@@ -24,15 +24,8 @@ from studies.fusion_engine import (
 )
 from studies.observing import ObservedFold, OutputCourse, learn_observer, observe_folds
 from studies.sensors import frames_at_fractions
-from studies.settings import EvaluationSettings, Progress, check_names, folds_of, onset_of, trials_of
+from studies.settings import EvaluationSettings, Progress, check_names
 from studies.trials import EvaluationTrial, Split
-
-# fmt: off
-__all__ = [
-    "EvaluationResult", "EvaluationSettings", "Progress", "TrialResult", "check_names", "evaluate", "folds_of",
-    "fuse_again", "learn", "onset_of", "results_of", "trials_of",
-]
-# fmt: on
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive
-from studies.evaluate import EvaluationResult, EvaluationSettings, Progress, evaluate
+from studies.evaluate import EvaluationResult, evaluate
 from studies.metrics import beside, confusion_table
 from studies.report import as_json
 from studies.report_text import resolved_pairs
+from studies.settings import EvaluationSettings, Progress
 
 PAPER_MOVEMENTS = ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", "nthrow")
 """The paper's eight movements in the order of its tables."""

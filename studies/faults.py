@@ -1,4 +1,4 @@
-"""Faulty observers for `labanmesh evaluate --fault VIEW=KIND`: changed input or output. Seeded, pure."""
+"""Faulty observers for `labanmesh evaluate --fault VIEW=KIND`: changed output. Seeded, pure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from common.errors import BadInput
-from observer.tracks import Floats, Frame, Tracker, Tracks
+from observer.tracks import Floats
 
 FAULT_DELAY_S = 1.0
 
@@ -59,22 +59,6 @@ def late(case: FaultCase) -> Floats:
 
 FAULTS: Mapping[str, Callable[[FaultCase], Floats]] = {"wrong": wrong, "noise": noise, "silent": silent, "late": late}
 UNLEARNED = ObserverOutputs._fields.index("unlearned")
-HIDDEN = "hidden"
-"""A fault of the input: in the middle third of the movement no body part is visible."""
-
-
-class OccludedTracker:
-    """A tracker whose view is covered in frames first..end-1."""
-
-    def __init__(self, tracker: Tracker, first: int, end: int) -> None:
-        self.body_parts = tracker.body_parts
-        self._tracker, self._covered, self._frame = tracker, range(first, end), -1
-
-    def update(self, frame: Frame) -> Tracks:
-        """The tracker's tracks; all missing while it is covered."""
-        self._frame += 1
-        tracks = self._tracker.update(frame)
-        return Tracks(np.full_like(tracks.centres, np.nan)) if self._frame in self._covered else tracks
 
 
 def parse_fault(text: str, views: Sequence[str]) -> tuple[str, str]:
@@ -82,29 +66,24 @@ def parse_fault(text: str, views: Sequence[str]) -> tuple[str, str]:
     view, equals, kind = text.rpartition("=")
     if not equals or view not in views:
         raise BadInput(f"--fault {text!r}: VIEW=KIND is expected, VIEW one of {', '.join(views)}")
-    if kind not in (*FAULTS, HIDDEN):
-        raise BadInput(f"--fault {text!r}: unknown fault {kind!r}; known: {', '.join((*FAULTS, HIDDEN))}")
+    if kind not in FAULTS:
+        raise BadInput(f"--fault {text!r}: unknown fault {kind!r}; known: {', '.join(FAULTS)}")
     return view, kind
 
 
 def disturb(
     outputs: Sequence[ObserverOutputs], views: Sequence[str], faults: Mapping[str, str], rate_hz: float, seed: int
 ) -> list[ObserverOutputs]:
-    """The outputs in each trial with those of the faulty views replaced; `hidden` acts on the input, not here."""
+    """The outputs in each trial with those of the faulty views replaced."""
     rng, delay = np.random.default_rng([seed, 1]), round(FAULT_DELAY_S * rate_hz)
     result = [ObserverOutputs(*(None if part is None else part.copy() for part in whole)) for whole in outputs]  # type: ignore[arg-type]
     for view, kind in faults.items():
-        if kind not in FAULTS:
-            continue
         column = list(views).index(view)
         for n, whole in enumerate(outputs):
-            parts = zip(result[n], whole, outputs[_another(n, len(outputs), rng)], strict=True)
+            another = (n + int(rng.integers(1, len(outputs)))) % len(outputs) if len(outputs) > 1 else n
+            parts = zip(result[n], whole, outputs[another], strict=True)
             for number, (changed, own, other) in enumerate(parts):
                 if changed is not None and own is not None and other is not None:
                     prior = np.nan if number == UNLEARNED else 1.0 / own.shape[-1]
                     changed[:, column] = FAULTS[kind](FaultCase(own[:, column], other[:, column], prior, delay, rng))
     return result
-
-
-def _another(n: int, count: int, rng: np.random.Generator) -> int:
-    return (n + int(rng.integers(1, count))) % count if count > 1 else n

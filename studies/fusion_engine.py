@@ -13,13 +13,11 @@ from fusion.engine.pooling import PooledPosterior, PoolingCase, facing_deg, pool
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, get_rule
 from fusion.engine.trust import HONEST, after_message, published_trust
-from fusion.people import ScenePeople
-from fusion.people_ingest import PeopleIngest
 
 # fmt: off
 __all__ = [
-    "DEFAULT_RULE", "POOLED_STATES", "AgedPosterior", "EngineOutput", "FusionEngine", "PeopleIngest",
-    "PooledPosterior", "PoolingCase", "ScenePeople", "facing_deg", "first_word", "get_rule", "pool_many",
+    "DEFAULT_RULE", "POOLED_STATES", "AgedPosterior", "EngineOutput", "FusionEngine",
+    "PooledPosterior", "PoolingCase", "facing_deg", "first_word", "get_rule", "pool_many",
     "steady_trusts", "step",
 ]
 # fmt: on

@@ -21,7 +21,6 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer
 from observer.tracks import Floats, Tracker
-from studies.faults import HIDDEN, OccludedTracker
 from studies.sensors import same_streams, same_trials
 from studies.settings import (
     EvaluationSettings,
@@ -208,12 +207,9 @@ def _tracker(part: FoldPart, model: MovementModel) -> Tracker:
 
 
 def _watch_trial(trial: EvaluationTrial, part: FoldPart, model: MovementModel) -> OutputCourse:
-    tracker = _tracker(part, model)
-    if part.settings.faults.get(part.view.name) == HIDDEN:
-        third = (trial.end - trial.begin) / 3
-        tracker = OccludedTracker(tracker, trial.begin + round(third), trial.begin + round(2 * third))
     ends = trial.end == len(trial.recording.positions)
-    return watch(Observer(tracker, model, onset_of(trial, part.settings)), trial.recording, ends=ends)
+    observer = Observer(_tracker(part, model), model, onset_of(trial, part.settings))
+    return watch(observer, trial.recording, ends=ends)
 
 
 def watch(observer: Observer, recording: Recording, ends: bool = False) -> OutputCourse:

@@ -19,9 +19,8 @@ from source_imports import ROOMS
 
 from common import messages
 from common.config import Scene
-from common.config_events import HistoryConfig, NotifyConfig
-from common.config_hub import DashboardConfig, HubConfig, MqttConfig
-from common.config_people import PeopleConfig
+from common.config_hub import DashboardConfig, HistoryConfig, HubConfig, MqttConfig, NotifyConfig
+from common.config_people import FallenConfig, PeopleConfig, WatchConfig
 from common.config_sections import (
     ClipsConfig,
     FusionConfig,
@@ -31,7 +30,6 @@ from common.config_sections import (
     PersonConfig,
     TeachingConfig,
 )
-from common.config_watch import FallenConfig, WatchConfig
 from common.vocabulary import Vocabulary
 from common.wire import decode
 from labanmesh import VERBS, app_of

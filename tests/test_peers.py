@@ -26,9 +26,10 @@ from observer.geometry.views import parse_view
 from observer.model.rocket import MiniRocket, choose_dilations
 from observer.motion.archive_file import write_archive
 from observer.tracks import BODY_PARTS
-from studies.evaluate import EvaluationSettings, evaluate
+from studies.evaluate import evaluate
 from studies.performer import perform
 from studies.report import FRACTIONS
+from studies.settings import EvaluationSettings
 from studies.trials import make_trials
 
 DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))

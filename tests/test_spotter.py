@@ -21,8 +21,8 @@ from benchmarks.comparisons.classifiers.spotter_windows import (
 from benchmarks.comparisons.classifiers.window_classifier import StreamProbabilities
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive
-from studies.evaluate import EvaluationSettings
 from studies.performer import perform
+from studies.settings import EvaluationSettings
 from studies.trials import strung
 
 LABELS = ("ok", "shake")

@@ -166,11 +166,6 @@ def check_cameras(cameras: Sequence[ObserverCamera], present: Sequence[Webcam], 
     return [*presence, *_tests(cameras), *map(_spare, spare)]
 
 
-def no_webcam() -> Finding:
-    """The finding where neither a scene nor this machine has a camera."""
-    return warning("no webcam on this machine", "plug one in, or name an address or a recording as source")
-
-
 def _presence(each: ObserverCamera, mark: Mark, present: Sequence[Webcam]) -> Finding:
     camera, name = each.camera, each.observer
     if isinstance(camera, NetworkCamera):

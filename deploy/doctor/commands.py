@@ -18,10 +18,10 @@ from common.config import Scene, read_scene
 from common.errors import BadInput
 from common.text import split_list
 from deploy.doctor.broker import broker_facts, check_broker
-from deploy.doctor.cameras import TEST_S, check_cameras, no_webcam, observer_cameras, webcams
+from deploy.doctor.cameras import TEST_S, check_cameras, observer_cameras, webcams
 from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_json, of_group, page, warning, worst
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
-from deploy.doctor.mesh import ExpectedMesh, MeshFacts, check_mesh, listen, no_process, not_listened_to
+from deploy.doctor.mesh import ExpectedMesh, MeshFacts, check_mesh, listen, no_process
 from deploy.doctor.network import check_network, is_free, network_facts
 from deploy.doctor.scene_file import check_refused, check_scene, scene_facts, scenes_in
 from deploy.doctor.security import check_security, security_facts
@@ -29,6 +29,7 @@ from deploy.doctor.security import check_security, security_facts
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
 """How long checks may take, also on a busy machine; that of the network on top of the time that it listens."""
 NO_OBSERVER = "none"
+NO_WEBCAM = warning("no webcam on this machine", "plug one in, or name an address or a recording as source")
 MARK_COLOURS: dict[Mark, str] = {"ok": "green", "hint": "cyan", "warning": "yellow", "error": "red"}
 
 
@@ -63,7 +64,7 @@ def doctor(
     here = None if not observers else () if observers == NO_OBSERVER else split_list("--observers", observers)
     settings: list[EffectiveSetting] = []
     if scene is None:
-        webcam_check = Check("cameras", MACHINE_S, lambda: check_cameras([], webcams(), certain=True) or [no_webcam()])
+        webcam_check = Check("cameras", MACHINE_S, lambda: check_cameras([], webcams(), certain=True) or [NO_WEBCAM])
         scene_check = Check("the scene file", SCENE_S, lambda: list(scenes_in(Path())))
         findings = run_checks([_machine_check(None, ()), scene_check, webcam_check])
     else:
@@ -171,7 +172,10 @@ def _heard(path: Path, scene: Scene, facts: MeshFacts) -> list[Finding]:
     expected = ExpectedMesh(scene, installed_version("labanmesh"), str(path), facts.partly)
     if facts.traffic is not None:
         return check_mesh(expected, facts.traffic)
-    return [no_process(expected) if is_free(facts.network) else not_listened_to(facts.network.mesh.endpoint)]
+    if is_free(facts.network):
+        return [no_process(expected)]
+    what = f"not listened to, at {facts.network.mesh.endpoint}"
+    return [warning(what, "correct the findings on network and security first")]
 
 
 def _print_page(findings: Sequence[Finding], settings: Sequence[EffectiveSetting]) -> None:

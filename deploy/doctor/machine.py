@@ -9,13 +9,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from common.config import Scene
 from common.tracker_choice import INSTALL_MEDIAPIPE, PICTURE_TRACKERS, chosen_tracker
 from deploy.doctor.findings import Finding, Mark, error, ok, warning
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 ClockState = Literal["synchronised", "free", "unknown"]
 MIB = 1 << 20
@@ -127,7 +125,7 @@ def _free_memory() -> int | None:
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")), None)
 
 
-def machine_needs(scene: "Scene", observers: Sequence[str]) -> MachineNeeds:
+def machine_needs(scene: Scene, observers: Sequence[str]) -> MachineNeeds:
     """The needs of these observers of a scene."""
     sections = {name: scene.observer(name) for name in observers}
     trackers = {name: chosen_tracker(section).name for name, section in sections.items()}

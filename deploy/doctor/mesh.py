@@ -22,7 +22,6 @@ from deploy.doctor.traffic import (
     MeshTraffic,
     ProcessTraffic,
     check_process,
-    judged_hash,
     rejected,
     relative_clock,
 )
@@ -152,11 +151,6 @@ def no_process(expected: ExpectedMesh) -> Finding:
     return warning(what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
 
 
-def not_listened_to(endpoint: str) -> Finding:
-    """The finding on a mesh that could not be listened to."""
-    return warning(f"not listened to, at {endpoint}", "correct the findings on network and security first")
-
-
 def _fusions(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
     services = expected.scene.services
     present = list(dict.fromkeys([*sorted(traffic.alive_fusions), *traffic.fusions]))
@@ -210,7 +204,8 @@ def _judgements(traffic: MeshTraffic) -> Iterator[Finding]:
 def _observers(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
     scene = expected.scene
     present = set(traffic.alive_observers) | set(traffic.observers)
-    digest = expected.digest or judged_hash(traffic.fusions)
+    judged = (digest for process in traffic.fusions.values() for digest in sorted(process.hashes))
+    digest = expected.digest or next(judged, "")
     for name in scene.roster:
         if name in present:
             process = traffic.observers.get(name, ProcessTraffic())

@@ -8,17 +8,17 @@ import http.client
 import json
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from common.address import Address
 from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
+from common.link import Link
+from common.messages import StatusMessage
+from common.wire import BadMessage, decode_from
 from deploy.hubs import EVENTS, HUBS
-
-if TYPE_CHECKING:
-    from common.messages import StatusMessage
 
 READY_TIMEOUT_S = 3.0
 """A container gives its check five seconds, of which Python needs one to start."""
@@ -89,10 +89,6 @@ def _result(answer: dict[str, object], address: Address) -> str:
 
 
 def _check_mesh(scene: Scene, process: str) -> str:
-    from common.link import Link
-    from common.messages import StatusMessage
-    from common.wire import BadMessage, decode_from
-
     if process in HUB_PROCESSES and process not in (*scene.roster, *scene.services):
         raise BadInput(f"--process {process}: a hub has no status on the mesh; set metrics.listen")
     wanted = (process,) if process else (*scene.services, *scene.roster)
@@ -114,7 +110,7 @@ def _check_mesh(scene: Scene, process: str) -> str:
     return f"{scene.scene}: {', '.join(wanted)} running"
 
 
-def _fault(status: "StatusMessage | None") -> str:
+def _fault(status: StatusMessage | None) -> str:
     if status is None:
         return "not on the mesh"
     return "" if status.state == "running" else f"{status.state}, {status.reason}".rstrip(", ")

@@ -148,11 +148,6 @@ def _decoded(key: str, kind: type[M], payload: bytes, bad: Counter[str]) -> M | 
         return None
 
 
-def judged_hash(fusions: Mapping[str, ProcessTraffic]) -> str:
-    """The vocabulary of the fusion services' judgements; "" before any."""
-    return next((digest for process in fusions.values() for digest in sorted(process.hashes)), "")
-
-
 def _process(processes: dict[str, ProcessTraffic], name: str) -> ProcessTraffic:
     if name not in processes and len(processes) >= PROCESSES_LIMIT:
         return ProcessTraffic()

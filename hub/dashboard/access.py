@@ -19,18 +19,15 @@ import logging
 import time
 from collections.abc import Callable
 from importlib.resources import files
-from typing import TYPE_CHECKING
 
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from common.address import Address
 from common.errors import BadInput
 from hub.dashboard.guesses import GuessLimit, address_group
-
-if TYPE_CHECKING:
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 log = logging.getLogger("labanmesh.hub")
 LISTEN_KEY = "hub.dashboard.listen"
@@ -159,13 +156,13 @@ def _bearer(authorization: str) -> str:
 class AccessMiddleware:
     """Wraps the application: stops requests that may not read, and adds DASHBOARD_HEADERS to every answer."""
 
-    def __init__(self, app: "ASGIApp", access: AccessControl) -> None:
+    def __init__(self, app: ASGIApp, access: AccessControl) -> None:
         self._app, self._access = app, access
 
-    async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
 
-        async def send_with_headers(message: "Message") -> None:
+        async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 ours = [(name.encode(), value.encode()) for name, value in DASHBOARD_HEADERS.items()]
                 stored = (b"cache-control", NO_STORE.encode())

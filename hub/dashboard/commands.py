@@ -12,13 +12,18 @@ import typer
 
 from common.address import ANY_HOST, Address
 from common.command_options import ForSeconds
-from common.config import read_scene
+from common.config import Scene, read_scene
 from common.errors import BadInput, reason_of
+from common.lifecycle import log_to_stderr, stop_on_signals
+from common.link import Link
+from common.notify import Notifier
 from common.tracker_choice import PHONE
 from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
+from hub.instrumentation import instrumented
+from hub.lan import bound_socket, lan_address
+from hub.session import has_right
 
 if TYPE_CHECKING:
-    from common.config import Scene
     from hub.dashboard.access import AccessControl
     from hub.dashboard.history import CaptureTimeline
     from hub.dashboard.page_data import PageSetup
@@ -69,19 +74,14 @@ def dashboard(
 
 def _serve(
     setup: "PageSetup",
-    scene: "Scene",
+    scene: Scene,
     timeline: "CaptureTimeline | None",
     address: Address,
     access: "AccessControl",
     for_s: float | None,
 ) -> None:
-    from common.lifecycle import log_to_stderr, stop_on_signals
-    from common.link import Link
-    from common.notify import Notifier
     from hub.dashboard.access import LISTEN_KEY
     from hub.dashboard.serving import ServingRun, serve_capture, serve_scene
-    from hub.instrumentation import instrumented
-    from hub.lan import bound_socket
 
     log_to_stderr()
     with (
@@ -106,12 +106,10 @@ def _serve(
             serve_scene(port, access, setup, scene, link, serving)
 
 
-def _teach_lines(scene: "Scene", file: str, access: "AccessControl", own: Address) -> Iterator[str]:
+def _teach_lines(scene: Scene, file: str, access: "AccessControl", own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
     from hub.dashboard.access import is_loopback
     from hub.dashboard.serving import NO_TEACH_RIGHT
-    from hub.lan import lan_address
-    from hub.rights import has_right
 
     if not access.teaches:
         return
@@ -136,7 +134,7 @@ def _access(address: Address, path: Path | None, teaches: bool) -> "AccessContro
     return AccessControl(None if is_loopback(address) else made, made, made)
 
 
-def _read_capture(path: Path) -> tuple["Scene", "CaptureTimeline"]:
+def _read_capture(path: Path) -> tuple[Scene, "CaptureTimeline"]:
     from common.capture_file import CaptureFile
     from hub.dashboard.history import CaptureTimeline
 
@@ -167,9 +165,7 @@ def _token(address: Address, path: Path | None) -> str | None:
         raise BadInput(f"{where}: {str(reason).lower()}; make it: openssl rand -hex 16 > {path}") from None
 
 
-def _setup(
-    scene: "Scene", timeline: "CaptureTimeline | None", access: "AccessControl", file: Path | None
-) -> "PageSetup":
+def _setup(scene: Scene, timeline: "CaptureTimeline | None", access: "AccessControl", file: Path | None) -> "PageSetup":
     from hub.dashboard.page_data import PageSetup
 
     views = {name: observer.view for name, observer in scene.observers.items()}
@@ -184,7 +180,7 @@ def _setup(
     )  # fmt: skip
 
 
-def _azimuth(scene: "Scene", view: str) -> float | None:
+def _azimuth(scene: Scene, view: str) -> float | None:
     """The angle of a view, also from its camera file; None when there is none or the file cannot be read."""
     if not view.endswith(".toml"):
         return azimuth_of(view)

@@ -10,20 +10,17 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from common import MINUTE_NS, SECOND_NS
-from common.capture_record import APPEARED, CaptureRecord
+from common.arrival import APPEARED, CaptureRecord
+from common.config import Scene
 from common.keys import observer_of
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
+from common.same_movement import with_verdict
 from common.wire import BadMessage
 from hub.anticipation import probability
 from hub.scene_state import SceneMessage, SceneState, is_waiting
 from hub.session import decode_for_hub
-from hub.verdict_log import with_verdict
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 POINT_EVERY_NS = SECOND_NS // 5
 MINUTE_POINTS = 300
@@ -140,7 +137,7 @@ class ThinnedRecords:
 class CaptureTimeline:
     """A capture of `scene`, by the capturing machine's clock; `history` is what a hub knew at a moment of it."""
 
-    def __init__(self, scene: "Scene", records: Iterable[CaptureRecord]) -> None:
+    def __init__(self, scene: Scene, records: Iterable[CaptureRecord]) -> None:
         self._scene, self._keys = scene, scene.keys
         self._judgements = ThinnedRecords(JUDGEMENT_EVERY_NS, JUDGEMENTS_LIMIT)
         self._statuses: dict[str, ThinnedRecords] = defaultdict(lambda: ThinnedRecords(STATUS_EVERY_NS, STATUSES_LIMIT))

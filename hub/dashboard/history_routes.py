@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
@@ -11,14 +10,12 @@ from starlette.routing import Route
 
 from common import MS_NS
 from common.clip_name import clip_parts, safe_word
+from common.config import Scene
 from hub.dashboard.access import NO_STORE, static_page
 from hub.database import DatabaseFault
 from hub.history.history_file import HistoryFile, HistoryQuery
 from hub.history.records import PAGE_FIELDS, ROW_KINDS
 from hub.people_names_file import PeopleNames
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 DAY_FILES = {"/day": "day.html", "/day.js": "day.js"}
 LAST_EXACT_MS = 2**53
@@ -31,7 +28,7 @@ NO_HISTORY_RIGHT = (
 )
 
 
-def history_routes(scene: "Scene | None", teaches: bool, allowed: bool = True, shows_clips: bool = True) -> list[Route]:
+def history_routes(scene: Scene | None, teaches: bool, allowed: bool = True, shows_clips: bool = True) -> list[Route]:
     """The routes; scene: None for a capture, which has none. teaches: the page can correct.
 
     allowed, shows_clips: what the certificate allows; clips are those of observers on this machine.
@@ -87,7 +84,7 @@ def _clip_response(path: Path | None) -> Response:
     return Response(content, media_type="video/x-msvideo", headers=headers)
 
 
-def clips_of(scene: "Scene", verdicts: set[str]) -> dict[str, list[list[str]]]:
+def clips_of(scene: Scene, verdicts: set[str]) -> dict[str, list[list[str]]]:
     """For each of these verdicts that has clips here: the observers, each with the verdict's word in the name."""
     words = {safe_word(verdict): verdict for verdict in verdicts}
     clips: dict[str, list[list[str]]] = defaultdict(list)
@@ -97,7 +94,7 @@ def clips_of(scene: "Scene", verdicts: set[str]) -> dict[str, list[list[str]]]:
     return {verdict: sorted(each) for verdict, each in clips.items()}
 
 
-def _clips(scene: "Scene") -> Iterator[tuple[str, str, Path]]:
+def _clips(scene: Scene) -> Iterator[tuple[str, str, Path]]:
     folders = {scene.place(each.clips.folder) for each in scene.observers.values() if each.clips.folder}
     for folder in folders:
         try:

@@ -8,22 +8,19 @@
 """
 
 import http.client
-from typing import TYPE_CHECKING
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from common.config import Scene
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import PHONE
 from hub.dashboard.access import NO_STORE, AccessControl
 from hub.dashboard.teach_routes import for_teachers
+from hub.phone.register import CODES_PATH, ShownPhone, read_shown_phones
 from hub.phone.register_file import RegisterFile, register_path
-from hub.phone.shown_phone import CODES_PATH, ShownPhone, read_shown_phones
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 ANSWER_S = 3.0
 """How long the server of phones may take; it is on this machine."""
@@ -32,7 +29,7 @@ ANSWER_LIMIT = 2**20
 NO_SERVER = "labanmesh phone does not run on the machine of this page"
 
 
-def phone_routes(scene: "Scene", access: AccessControl) -> list[Route]:
+def phone_routes(scene: Scene, access: AccessControl) -> list[Route]:
     """The routes; none for a scene in which no observer sees through a phone."""
     if not any(each.source == PHONE for each in scene.observers.values()):
         return []

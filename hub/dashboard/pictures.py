@@ -8,16 +8,14 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from common.inbox import Inbox
+from common.keys import SceneKeys
+from common.link import Link
 from common.picture_message import PictureMessage
+from common.subsession import SubSession
 from common.wire import BadMessage, decode
-
-if TYPE_CHECKING:
-    from common.inbox import Inbox
-    from common.keys import SceneKeys
-    from common.link import Link
-    from common.subsession import SubSession
 
 VIEWER_LEASE_S = 3.0
 JPEG_START = b"\xff\xd8"
@@ -35,8 +33,8 @@ class PictureAnswer:
 
 @dataclass(slots=True)
 class _Watched:
-    declared: "SubSession"
-    inbox: "Inbox"
+    declared: SubSession
+    inbox: Inbox
     asked_s: float
     newest: PictureAnswer = field(default_factory=lambda: PictureAnswer("none yet"))
 
@@ -49,9 +47,9 @@ class PictureRelay:
 
     def __init__(
         self,
-        keys: "SceneKeys",
+        keys: SceneKeys,
         switched_on: Mapping[str, float],
-        link: "Link",
+        link: Link,
         has_right: bool,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:

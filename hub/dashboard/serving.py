@@ -6,11 +6,13 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import uvicorn
+from starlette.applications import Starlette
 
 from common import SECOND_NS
+from common.config import Scene
+from common.link import Link
 from common.messages import VerdictMessage
 from hub.dashboard.access import AccessControl
 from hub.dashboard.application import Stream, application
@@ -18,22 +20,14 @@ from hub.dashboard.connections import accept_connections, protocol_in, table_for
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.history_routes import history_routes
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
-from hub.dashboard.people_routes import people_routes
 from hub.dashboard.phone_routes import phone_routes
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
-from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage
+from hub.dashboard.teach_routes import TEACHING_IS_OFF, TeachPage, people_routes
 from hub.people_names_file import PeopleNames
-from hub.rights import has_right
 from hub.scene_state import SceneState
-from hub.session import SceneListener, SceneUpdate
+from hub.session import SceneListener, SceneUpdate, has_right
 from hub.teaching.lesson_server import LessonServer
-
-if TYPE_CHECKING:
-    from starlette.applications import Starlette
-
-    from common.config import Scene
-    from common.link import Link
 
 SERVER_CHECK_S = 0.1
 SHUTDOWN_S = 2
@@ -82,7 +76,7 @@ class Follower:
 
 
 def serve_scene(
-    port: socket.socket, access: AccessControl, setup: PageSetup, scene: "Scene", link: "Link", run: ServingRun
+    port: socket.socket, access: AccessControl, setup: PageSetup, scene: Scene, link: Link, run: ServingRun
 ) -> None:
     """Show the live `scene`; returns when `run` is over."""
 
@@ -123,7 +117,7 @@ def _end(stream: LiveStream, teach: TeachPage) -> None:
 
 @contextmanager
 def _teach_page(
-    access: AccessControl, scene: "Scene", link: "Link", file: str = "SCENE"
+    access: AccessControl, scene: Scene, link: Link, file: str = "SCENE"
 ) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
     if not access.teaches or not has_right(scene, "teach"):
         yield (
@@ -158,7 +152,7 @@ class _PageServer(uvicorn.Server):
 
 
 async def _serve(
-    app: "Starlette",
+    app: Starlette,
     port: socket.socket,
     run: ServingRun,
     close: Callable[[], None],

@@ -4,14 +4,15 @@
    does needs the token in the header Authorization, as `Bearer TOKEN`, or the key that a browser got for the token.
 2. A foreign page cannot send that header; requests that a browser marks as coming from elsewhere are refused too.
 3. Whatever changes something is a POST with JSON; its answer is 204, or one line that says why not.
+4. The names of people are for everybody who looks, given by whoever may teach (access.py, rule 7).
 """
 
 import asyncio
 import json
 import logging
 import secrets
-from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from collections.abc import Awaitable, Callable, Collection
+from typing import Any
 from urllib.parse import urlsplit
 
 from starlette.concurrency import run_in_threadpool
@@ -19,6 +20,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from common.config import Scene
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import LABEL
 from hub.dashboard.access import (
@@ -33,16 +35,12 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.history.notes import forget_in_history, note_corrections
+from hub.history.history_file import forget_in_history, note_corrections
 from hub.home_assistant import home_assistant_advice
+from hub.people_names_file import PeopleNames
 from hub.teaching.lesson_data import action_of, corrections_of, lesson_server_data, plan_of, take_number, unwanted_of
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from common.config import Scene
 
 log = logging.getLogger("labanmesh.hub")
 TEACH_FILES = {f"/{name}": name for name in ("teach.js", "lesson.js", "figures.js", "teach.css", "lesson.css")}
@@ -65,8 +63,8 @@ class TeachPage:
         access: AccessControl,
         lesson_server: LessonServer | None = None,
         off: str = TEACHING_IS_OFF,
-        scene: "Scene | None" = None,
-        hubs: "Callable[[], Collection[str]]" = tuple,
+        scene: Scene | None = None,
+        hubs: Callable[[], Collection[str]] = tuple,
         file: str = "",
     ) -> None:
         self._access, self._lesson_server, self._off, self._scene, self._hubs = access, lesson_server, off, scene, hubs
@@ -252,3 +250,14 @@ async def json_of(request: Request) -> dict[str, Any]:
 
 def _answer(fields: dict[str, Any]) -> Response:
     return JSONResponse(fields, headers={"cache-control": NO_STORE})
+
+
+def people_routes(names: PeopleNames, access: AccessControl) -> list[Route]:
+    """POST /people with `person` and `name`."""
+
+    async def rename(request: Request) -> Response:
+        fields = await json_of(request)
+        await run_in_threadpool(names.rename, fields.get("person"), fields.get("name"))
+        return Response(status_code=204)
+
+    return [Route("/people", for_teachers(access, rename, 400), methods=["POST"])]

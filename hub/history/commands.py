@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterable
 from datetime import datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -14,10 +14,8 @@ from common import SECOND_NS
 from common.config import read_scene
 from common.errors import BadInput
 from common.text import nearest
-from hub.history.records import ROW_KINDS
-
-if TYPE_CHECKING:
-    from hub.history.records import HistoryRow
+from hub.history.history_file import HistoryFile, HistoryQuery
+from hub.history.records import ROW_KINDS, HistoryRow, row_line
 
 CSV_COLUMNS = (
     "kind", "began", "ended", "seconds", "label", "stage", "p", "agree", "of", "revises", "corrected", "repetitions",
@@ -43,8 +41,6 @@ def history(
 
     Example: labanmesh history scene.toml --from 2026-11-01 --label squat --csv > squats.csv
     """
-    from hub.history.history_file import HistoryFile, HistoryQuery
-
     if kind and kind not in ROW_KINDS:
         raise BadInput(f"--kind {kind[:40]!r}: {' or '.join(ROW_KINDS)} is expected")
     config = read_scene(scene)
@@ -69,9 +65,7 @@ def history(
         _print_lines(ordered)
 
 
-def _print_lines(rows: "Iterable[HistoryRow]") -> None:
-    from hub.history.records import row_line
-
+def _print_lines(rows: Iterable[HistoryRow]) -> None:
     day = ""
     for row in rows:
         line_day, line = row_line(row)

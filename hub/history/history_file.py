@@ -7,14 +7,18 @@
 4. The program that writes is `labanmesh hub events`; corrections and forgetting are written by whoever does them.
 """
 
+import logging
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
 from common import SECOND_NS
-from hub.database import BUSY_S, faults_of, opened, opened_to_read, transaction
+from common.config import Scene
+from common.teaching_messages import Unwanted
+from common.text import plural
+from hub.database import BUSY_S, DatabaseFault, faults_of, opened, opened_to_read, transaction
 from hub.history.records import HistoryRow, Kind
 
 HISTORY_VERSION = 1
@@ -161,3 +165,36 @@ class HistoryFile:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+log = logging.getLogger("labanmesh.hub")
+
+
+def note_corrections(scene: Scene, labels: Mapping[str, str]) -> None:
+    """Note what movements were, by the id of their verdicts; "" for none. A file that cannot be written is one line."""
+    if not labels or not _is_here(scene):
+        return
+    try:
+        with HistoryFile.to_write(scene.place(scene.history.file)) as file:
+            file.correct(dict(labels))
+    except DatabaseFault as error:
+        log.warning("history: not corrected there: %s", error)
+
+
+def forget_in_history(scene: Scene, unwanted: Unwanted) -> str:
+    """Delete the rows of a movement, or all; one line that says what was done, "" for a scene without a history.
+
+    Raises DatabaseFault if they are still there.
+    """
+    if not scene.history.file:
+        return ""
+    if not _is_here(scene):
+        return "history: its file is not on this machine; give the command where labanmesh hub events runs"
+    if unwanted.person:
+        return "history: says of nobody who moved, so nothing is removed from it"
+    with HistoryFile.to_write(scene.place(scene.history.file)) as file:
+        return f"history: {plural(file.forget('' if unwanted.everything else unwanted.label), 'row')} removed"
+
+
+def _is_here(scene: Scene) -> bool:
+    return bool(scene.history.file) and scene.place(scene.history.file).exists()

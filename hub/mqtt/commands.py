@@ -7,7 +7,11 @@ import typer
 
 from common.command_options import sub_verbs
 from common.config import read_scene
+from common.lifecycle import log_to_stderr, stop_on_signals
+from common.link import Link
 from common.text import plural
+from hub.history.service import require_something, serve
+from hub.notify.notifying import receivers_of
 
 hub = sub_verbs(
     """Pass scenes on: to Home Assistant, to notifications, to a file.
@@ -34,7 +38,6 @@ def mqtt(
 
     Example: labanmesh hub mqtt scene.toml --remove
     """
-    from common.lifecycle import log_to_stderr, stop_on_signals
     from hub.mqtt.broker import remove as remove_scene
     from hub.mqtt.service import serve
 
@@ -55,11 +58,6 @@ def events(scene: Annotated[Path, typer.Argument(metavar="SCENE", help="The scen
 
     Example: labanmesh hub events scene.toml
     """
-    from common.lifecycle import log_to_stderr, stop_on_signals
-    from common.link import Link
-    from hub.history.service import require_something, serve
-    from hub.notify.notifying import receivers_of
-
     config = read_scene(scene)
     require_something(config)
     receivers_of(config)

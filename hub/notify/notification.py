@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from common.config_events import NotifyConfig, Preset
+from common.config_hub import NotifyConfig, Preset
 from common.fall_messages import FallMessage
 from common.message_types import printable
 from common.messages import VerdictMessage

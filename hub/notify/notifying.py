@@ -1,23 +1,26 @@
-"""From messages to the queues of all receivers of a scene."""
+"""From messages to the queues of all receivers of a scene; and the verb `labanmesh notify`."""
 
 import logging
 import os
+import time
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from common import SECOND_NS
 from common.backoff import Backoff
-from common.config import Scene
-from common.errors import BadInput, reason_of
+from common.config import Scene, read_scene
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.fall_messages import FallMessage
 from common.files import read_text
 from common.messages import VerdictMessage
 from common.text import plural
 from hub.database import DatabaseFault
-from hub.notify.notification import Notification, notification_of, request_of
-from hub.notify.notification_queue import NotificationQueue
-from hub.notify.sender import SENDING, Receiver, WebhookSender
+from hub.notify.notification import Notification, notification_of, request_of, test_notification
+from hub.notify.sender import SENDING, NotificationQueue, Receiver, WebhookSender
 
 log = logging.getLogger("labanmesh.hub")
 NOTIFICATIONS_LIMIT = 1000
@@ -25,6 +28,7 @@ NOTIFICATIONS_LIMIT = 1000
 AGAIN_S, BUSY_S = 2.0, 0.5
 NEWS_S = 60.0
 """An answer to the query at the start may be long past; up to this age it is told, if it was not."""
+NO_RECEIVERS = "in the scene file: [notify.phone] with url and preset (docs/guide/notify.md)"
 
 
 def receivers_of(scene: Scene) -> list[Receiver]:
@@ -120,3 +124,38 @@ class Notifying:
                 for receiver in self._receivers
             }
         return self._queue
+
+
+def notify(
+    scene: Annotated[Path, typer.Argument(help="The scene file; its [notify.NAME] name the receivers.")],
+    name: Annotated[str, typer.Argument(help="Only this receiver.")] = "",
+    test: Annotated[bool, typer.Option("--test", help="Send a test to each of them now.")] = False,
+) -> None:
+    """List whom the scene tells of movements and falls, and how many notifications wait for each; or send a test.
+
+    `labanmesh hub events SCENE` sends them.
+
+    Example: labanmesh notify scene.toml --test
+    """
+    config = read_scene(scene)
+    receivers = [each for each in receivers_of(config) if name in ("", each.name)]
+    if not receivers:
+        known = ", ".join(config.notify)
+        raise BadInput(f"no receiver {name!r}; known: {known}" if known else f"the scene tells nobody; {NO_RECEIVERS}")
+    failed = []
+    path = queue_path(config)
+    for receiver in receivers:
+        if test:
+            note = test_notification(config.scene, time.time_ns())
+            result = receiver.send(request_of(note, receiver.config, receiver.token))
+            print(f"{receiver.name}: {result.fault or 'accepted'}", flush=True)
+            failed += [receiver.name] if result.fault else []
+            continue
+        waiting = 0
+        if path.exists():
+            queue = NotificationQueue(path)
+            waiting = queue.count(receiver.name)
+            queue.close()
+        print(f"{receiver.name}: {receiver.config.preset}, {waiting} waiting")
+    if failed:
+        raise LabanmeshError(f"{', '.join(failed)}: the lines above say why")

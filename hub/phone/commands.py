@@ -1,20 +1,21 @@
 """The verb `labanmesh phone`: phones as the cameras of a scene's observers."""
 
+import socket
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from common.address import ANY_HOST, Address
 from common.command_options import ForSeconds
-from common.config import read_scene
+from common.config import Scene, read_scene
 from common.errors import BadInput
 from common.tracker_choice import PHONE
-
-if TYPE_CHECKING:
-    from common.config import Scene
-    from hub.phone.register_file import RegisterFile
+from hub.lan import lan_address
+from hub.phone.pose_model_file import data_folder
+from hub.phone.pose_model_file import fetch as fetch_files
+from hub.phone.register_file import RegisterFile, register_path
 
 PHONE_LISTEN = "0.0.0.0:8443"
 
@@ -61,10 +62,6 @@ def phone(
 
     Example: labanmesh phone scene.toml --revoke phone1
     """
-    from hub.phone.pose_model_file import data_folder
-    from hub.phone.pose_model_file import fetch as fetch_files
-    from hub.phone.register_file import RegisterFile, register_path
-
     if fetch or source is not None:
         fetch_files(data_folder(), source)
         typer.echo(f"{data_folder()}: the pose model is here")
@@ -89,7 +86,7 @@ def phone(
     run_phones(PhoneRun(config, observers, file, address, names, certificate, for_s, teach))
 
 
-def _observers(scene: "Scene", observer: str | None) -> tuple[str, ...]:
+def _observers(scene: Scene, observer: str | None) -> tuple[str, ...]:
     """Those whose cameras are phones; raises BadInput if there are none, or `observer` has another source."""
     phones = tuple(name for name, section in scene.observers.items() if section.source == PHONE)
     if observer is not None and (section := scene.observer(observer)).source != PHONE:
@@ -103,16 +100,12 @@ def _observers(scene: "Scene", observer: str | None) -> tuple[str, ...]:
 
 def _own_hosts(listen: Address, host: str | None) -> tuple[str, ...]:
     """The names in the certificate, the one for the code first."""
-    import socket
-
-    from hub.lan import lan_address
-
     named = host or (lan_address() if listen.host in ANY_HOST else listen.host)
     own = socket.gethostname().partition(".")[0].lower()
     return tuple(dict.fromkeys((named, "localhost", "127.0.0.1", f"{own}.local")))
 
 
-def _list(file: "RegisterFile") -> None:
+def _list(file: RegisterFile) -> None:
     register = file.register
     for phone_ in register.phones:
         state = f"revoked {_time(phone_.revoked)}" if phone_.revoked else "admitted"

@@ -81,7 +81,7 @@ class CameraState(_PhonePart):
 
 
 class LessonRequest(_PhonePart):
-    """What somebody asks of the lesson on the phone's page (hub/phone/phone_lessons.py).
+    """What somebody asks of the lesson on the phone's page (hub/phone/running.py).
 
     look: show how it stands. start: begin one by `plan`. press: `action` (on take `take`) at step `number` of the
     lesson with id `lesson`. stop: end that lesson. plan and action are read as those of the Teach page.

@@ -1,19 +1,27 @@
-"""One phone's WebSocket, without the socket: what its messages cause. Pure.
+"""One phone's WebSocket, without the socket: what its messages cause, and its times as ours. Pure.
 
 1. The first message joins or resumes; anything else before it, and any message that breaks a rule, ends the connection
    with one line.
 2. At most MOST_HZ messages a second; the page sends the next tracks only when few are not acknowledged, so that what
    waited on a slow line is never more than that.
-3. Tracks go on as a line of another program's tracks (docs/guide/cameras.md), in our time.
+3. Tracks go on as a line of another program's tracks (docs/guide/cameras.md), in our time. Those that are too late, or
+   no newer than the last ones, are dropped.
+4. The skew of the phone's clock is measured as between machines (common/clock_skew.py): we send a numbered question and
+   the phone answers with its clock; the answer with the shortest way counts.
+5. A page that looks at pictures lets a question wait and answers at once: the way there is longer than the way back.
+   How long the line alone takes there and back a ping tells, which the browser answers itself.
+6. A picture cannot have been taken after its tracks arrived.
+7. The page shows what its observer believes, and what the referee decided.
 """
 
 import json
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from common import SECOND_NS
-from hub.phone.phone_clock import PhoneClock
+from common import MS_NS, SECOND_NS
+from common.clock_skew import READINGS_LIMIT, ClockReading, ClockSkew
 from hub.phone.phone_messages import (
     BadPhoneMessage,
     CameraState,
@@ -25,9 +33,72 @@ from hub.phone.phone_messages import (
     read_message,
 )
 from hub.phone.register import Phone, RefusedError
+from hub.scene_state import SceneState, is_abstention
+from hub.wording import label_words
 
 if TYPE_CHECKING:
     from hub.phone.register_file import RegisterFile
+
+LATE_S = 1.0
+"""Older tracks are dropped: half the time after which fusion drops a posterior (fusion.drop_s)."""
+QUESTIONS_LIMIT = 16
+"""Questions that may wait for an answer; one is sent each second."""
+
+
+@dataclass(slots=True)
+class PhoneClock:
+    """now_ns: our clock (Unix epoch, ns). dropped: how many tracks were too late, or no newer than the last."""
+
+    now_ns: Callable[[], int]
+    dropped: int = 0
+    _skew: ClockSkew = field(default_factory=ClockSkew)
+    _asked_ns: dict[int, int] = field(default_factory=dict)
+    _lines_ns: deque[int] = field(default_factory=lambda: deque(maxlen=READINGS_LIMIT))
+    _number: int = 0
+    _newest_ns: int = 0
+
+    def ask(self) -> int:
+        """The number of a question that is sent now."""
+        self._number += 1
+        self._asked_ns[self._number] = self.now_ns()
+        if len(self._asked_ns) > QUESTIONS_LIMIT:
+            del self._asked_ns[min(self._asked_ns)]
+        return self._number
+
+    def answer(self, number: int, phone_ms: float) -> None:
+        """The phone's answer to a question; one that was never asked, or was answered, counts nothing."""
+        asked_ns = self._asked_ns.pop(number, None)
+        now_ns = self.now_ns()
+        if asked_ns is not None and now_ns >= asked_ns:
+            self._skew.note(ClockReading(asked_ns, round(phone_ms * MS_NS), now_ns))
+
+    def note_line(self, seconds: float) -> None:
+        """How long a ping took there and back."""
+        self._lines_ns.append(round(seconds * SECOND_NS))
+
+    @property
+    def _skew_ns(self) -> int | None:
+        """By how much the phone's clock is ahead; None before the first answer."""
+        best, least_ns = self._skew.best, self._skew.least_ns
+        if best is None or least_ns is None or not self._lines_ns:
+            return None if best is None else best.skew_ns
+        return min(best.skew_ns, least_ns + min(self._lines_ns) // 2)
+
+    def captured_ns(self, phone_ms: float) -> int | None:
+        """When a picture was taken, by our clock (Unix epoch, ns), as its tracks arrive now; None: drop them."""
+        skew_ns, now_ns = self._skew_ns, self.now_ns()
+        if skew_ns is None:
+            self.dropped += 1
+            return None
+        if self._newest_ns > now_ns:
+            self._newest_ns = 0  # our clock was set back
+        at_ns = min(round(phone_ms * MS_NS) - skew_ns, now_ns)
+        if now_ns - at_ns > LATE_S * SECOND_NS or at_ns <= self._newest_ns:
+            self.dropped += 1
+            return None
+        self._newest_ns = at_ns
+        return at_ns
+
 
 MOST_HZ = 60.0
 """Messages a second, on average: twice the pictures of a phone's camera."""
@@ -120,3 +191,31 @@ class PhoneSession:
             line = {"captured_ns": captured_ns, "parts": message.parts}
             outcome.line = json.dumps(line, separators=(",", ":")).encode()
         return outcome
+
+
+def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
+    """own: what the observer holds most probable; judged: the referee; verdict: the newest one; observer: its state.
+
+    known: the movements that are recognised.
+    """
+    own = next((each for each in state.observers if each.name == observer), None)
+    fused = None if state.silent or not state.fused else state.fused[0]
+    verdict, ranked = state.verdict, own.ranked if own is not None and own.is_heard else ()
+    return {
+        "own": {"label": ranked[0].label, "p": round(ranked[0].p, 2)} if ranked else None,
+        "judged": None if fused is None else {"label": fused.label, "p": round(fused.p, 2)},
+        "moves": bool(state.judgement and state.judgement.movement),
+        "why": (state.judgement.why if state.judgement else None) or "",
+        "known": list(state.labels),
+        "observer": own.status.state if own is not None and own.status is not None else "silent",
+        "verdict": None
+        if verdict is None
+        else {
+            "id": verdict.id,
+            "label": "undecided" if is_abstention(verdict) else label_words(verdict),
+            "k": verdict.agreement.k,
+            "n": verdict.agreement.n,
+            "began_ms": verdict.began_ns // MS_NS,
+            "ended": verdict.ended_ns is not None,
+        },
+    }

@@ -10,7 +10,7 @@ import zipfile
 
 from common import tflite
 from common.errors import BadInput
-from common.flat_buffer import Bytes, Existing, FlatTable, FlatTables, Node, flat_buffer, floats, text
+from common.tflite import Bytes, Existing, FlatTable, FlatTables, Node, flat_buffer, floats, text
 
 DETECTOR, LANDMARKS = "pose_detector.tflite", "pose_landmarks_detector.tflite"
 SCALES = {DETECTOR: (127.5, 127.5), LANDMARKS: (0.0, 255.0)}

@@ -8,21 +8,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from common.config import Scene
 from common.errors import LabanmeshError, reason_of
 from common.files import read_text, replace_file
 from hub.phone.register import Phone, PhoneRegister, read_register
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 SECRET_BYTES = 16
 """128 random bits: nobody guesses them."""
 PRIVATE = 0o600
 
 
-def register_path(scene: "Scene") -> Path:
+def register_path(scene: Scene) -> Path:
     """Where the register of a scene lies."""
     return scene.place(f"{scene.scene}.phones.json")
 

@@ -1,40 +1,75 @@
-"""Runs the server of phones of one scene: ports, mesh, certificate, codes."""
+"""Runs the server of phones of one scene: ports, mesh, certificate, codes, and the lesson on the phones' pages.
+
+Whoever was admitted as a camera may teach: its tracks decide what the observer believes anyhow. Forgetting and
+corrections stay with the Teach page and the terminal.
+"""
 
 import asyncio
 import logging
+import secrets
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from common.address import Address
+from common.config import Scene
+from common.errors import BadInput
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
 from hub.instrumentation import instrumented
 from hub.lan import bound_socket
-from hub.phone.code_page import ShownCodes, code_page, terminal_code
-from hub.phone.phone_lessons import PhoneLessons
+from hub.phone.pages import Answer, ShownCodes, StaticPages, code_page, terminal_code
+from hub.phone.phone_messages import LessonRequest
+from hub.phone.phone_session import scene_words
 from hub.phone.pose_model_file import data_folder, read_files
 from hub.phone.register_file import RegisterFile
-from hub.phone.scene_words import scene_words
 from hub.phone.serving import PhoneServer, serve_files
-from hub.phone.static_pages import Answer, StaticPages
 from hub.phone.web_certificate_file import WebCertificate, given_certificate, own_certificate
-from hub.rights import has_right
-from hub.session import SceneListener, SceneUpdate
-from hub.teaching.lesson_server import LessonServer
-
-if TYPE_CHECKING:
-    from common.config import Scene
+from hub.session import SceneListener, SceneUpdate, has_right
+from hub.teaching.lesson_data import action_of, lesson_server_data, plan_of
+from hub.teaching.lesson_server import TEACHER_LEASE_S, LessonServer
+from hub.teaching.wording import known_labels
 
 log = logging.getLogger("labanmesh.hub")
 STOP_CHECK_S = 0.1
 """How often what the pages show is looked at: a third of the time in which a person reacts to the lesson's "now"."""
+
+
+@dataclass(slots=True)
+class PhoneLessons:
+    """clock: seconds of a monotonic clock."""
+
+    server: "LessonServer"
+    clock: Callable[[], float] = time.monotonic
+    _looked_s: float = field(default=float("-inf"), init=False)
+
+    def ask(self, request: LessonRequest) -> str:
+        """Do what a phone asks; why that cannot be done, one line, or ""."""
+        try:
+            self._do(request)
+        except BadInput as error:
+            return str(error)
+        return ""
+
+    def data(self) -> Mapping[str, object] | None:
+        """What the pages show; None while nobody looks at a lesson."""
+        return lesson_server_data(self.server) if self.clock() - self._looked_s < TEACHER_LEASE_S else None
+
+    def _do(self, request: LessonRequest) -> None:
+        self._looked_s = self.clock()
+        self.server.looked()
+        if request.ask == "start":
+            self.server.start(plan_of(request.plan, known_labels(self.server.observers), secrets.token_hex(8)))
+        elif request.ask == "press":
+            self.server.press(request.lesson, request.number, action_of(request.model_dump()))
+        elif request.ask == "stop":
+            self.server.stop(request.lesson)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +79,7 @@ class PhoneRun:
     teaches: whether phones may teach.
     """
 
-    scene: "Scene"
+    scene: Scene
     observers: tuple[str, ...]
     file: RegisterFile
     listen: Address
@@ -63,9 +98,11 @@ def run_phones(run: PhoneRun) -> None:
         if run.certificate
         else own_certificate(data_folder() / "authority", run.hosts)
     )
+    # The page with the codes has any free port if the phones' page has.
+    above = run.listen.port + 1 if 0 < run.listen.port < 65535 else 0
     with (
         bound_socket(run.listen, "--listen") as port,
-        bound_socket(Address("127.0.0.1", _port_above(run.listen)), "the port above --listen") as local,
+        bound_socket(Address("127.0.0.1", above), "the port above --listen") as local,
         stop_on_signals(run.for_s) as stop,
         Notifier.from_environment() as supervisor,
         instrumented([scene], "phone") as instrumentation,
@@ -153,8 +190,3 @@ def _show(codes: ShownCodes, page: str) -> None:
         else:
             print(f"{terminal_code(link)}{observer}: scan this with the phone's camera, or open {link}", flush=True)
     print(f"the codes on this machine's screen: {page}", flush=True)
-
-
-def _port_above(listen: Address) -> int:
-    """Of the page with the codes; 0, any free one, if the phones' page has any, too."""
-    return listen.port + 1 if 0 < listen.port < 65535 else 0

@@ -24,12 +24,11 @@ from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 from websockets.http11 import Request, Response
 from websockets.protocol import State
 
-from hub.phone.phone_clock import PhoneClock
+from hub.phone.pages import SOCKET_PATH, Answer
 from hub.phone.phone_messages import MESSAGE_LIMIT, BadPhoneMessage, CameraState, LessonRequest
-from hub.phone.phone_session import PhoneSession
+from hub.phone.phone_session import PhoneClock, PhoneSession
 from hub.phone.register import RefusedError
 from hub.phone.register_file import RegisterFile
-from hub.phone.static_pages import SOCKET_PATH, Answer
 
 log = logging.getLogger("labanmesh.hub")
 QUIET = logging.Logger("labanmesh.hub.sockets", logging.CRITICAL)

@@ -11,14 +11,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from common.command_options import takes_options
+from common.config import Scene, read_scene
 from common.errors import BadInput
+from common.inbox import Presence
+from common.lifecycle import stop_on_signals
+from common.link import Link
 from common.score import LEAST_REFERENCES
+from common.teaching_messages import SOMEONE, require_person
 from common.vocabulary import Vocabulary, require_teachable
+from hub.teaching.lesson import LessonPlan
+from hub.teaching.memory_commands import correct_verdicts, earlier_takes
+from hub.teaching.teaching_client import find_observers, presence_of
+from hub.teaching.terminal import agrees, wait
+from hub.teaching.terminal_lesson import run_lesson, scene_here
+from hub.watch import watch
 
 if TYPE_CHECKING:
-    from common.config import Scene
-    from common.inbox import Presence
-    from hub.teaching.lesson import LessonPlan
     from hub.teaching.rehearsal import Rehearsal
 
 NO_FILE = Path()
@@ -133,14 +141,10 @@ def teach(options: TeachOptions) -> None:
             "camera: labanmesh teach --rehearse"
         )
     if options.was or options.learn is not None:
-        from hub.teaching.memory_commands import correct_verdicts
-
         learn_now = options.learn != "later"
         correct_verdicts(options.scene, options.was or [], options.labels or [], options.person, learn_now=learn_now)
         return
     if options.earlier or options.restore:
-        from hub.teaching.memory_commands import earlier_takes
-
         earlier_takes(options.scene, options.restore)
         return
     with ExitStack() as here:
@@ -156,13 +160,6 @@ def teach(options: TeachOptions) -> None:
 
 def _teach(options: TeachOptions, rehearsal: "Rehearsal | None", here: ExitStack) -> None:
     """The lesson, and what is shown after it; whatever is started for it ends with `here`."""
-    from common.config import read_scene
-    from common.lifecycle import stop_on_signals
-    from common.link import Link
-    from hub.teaching.teaching_client import find_observers, presence_of
-    from hub.teaching.terminal_lesson import run_lesson
-    from hub.watch import watch
-
     config = read_scene(options.scene)
     _require_teachable(config, options, options.labels or [])
     with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene, stop=stop) as link:
@@ -179,10 +176,8 @@ def _teach(options: TeachOptions, rehearsal: "Rehearsal | None", here: ExitStack
     watch(options.scene)
 
 
-def _plan(options: TeachOptions) -> "LessonPlan":
+def _plan(options: TeachOptions) -> LessonPlan:
     """The lesson as typed; what was not typed is shorter in a rehearsal."""
-    from common.teaching_messages import SOMEONE
-    from hub.teaching.lesson import LessonPlan
     from hub.teaching.rehearsal import LENGTHS
 
     background, alarms = options.background_minutes, options.alarm_minutes
@@ -202,16 +197,13 @@ def _plan(options: TeachOptions) -> "LessonPlan":
 
 def _started_here(
     options: TeachOptions,
-    config: "Scene",
-    presence: "Presence",
+    config: Scene,
+    presence: Presence,
     stop: threading.Event,
     rehearsal: "Rehearsal | None",
     here: ExitStack,
 ) -> Path | None:
     """Start the scene in `here` if nothing of it runs and the person wants it; the path of its log, None if not."""
-    from hub.teaching.scene_here import scene_here
-    from hub.teaching.terminal import agrees, wait
-
     if presence.alive or config.mesh.mode != "machine":
         return None
     if not (options.up or agrees(f"no observer of {config.scene} runs. Start them here, for the lesson?", stop)):
@@ -225,9 +217,7 @@ def _started_here(
     )
 
 
-def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[str]) -> None:
-    from common.teaching_messages import require_person
-
+def _require_teachable(scene: Scene, options: TeachOptions, labels: Sequence[str]) -> None:
     if not labels:
         raise BadInput(
             f"teach {options.scene}: name the movements, e.g. labanmesh teach {options.scene} wave point clap"

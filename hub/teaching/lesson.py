@@ -12,11 +12,9 @@ from dataclasses import dataclass, replace
 from common.errors import LabanmeshError
 from common.teaching_messages import SOMEONE, TeachReply, TeachRequest
 from common.text import plural
-from hub.teaching.beginning import wait_for_sign
 from hub.teaching.interface import GO, LOOK_S, Action, Begin, LessonInterface, Step
-from hub.teaching.learning import adopt, learn
-from hub.teaching.participants import Ask, Participants
-from hub.teaching.self_test import self_test
+from hub.teaching.learning import adopt, learn, self_test
+from hub.teaching.participants import Ask, Participants, wait_for_sign
 from hub.teaching.wording import (
     crowd_lines,
     doubt_lines,

@@ -10,7 +10,7 @@ from common.message_types import LAST_INTEGER
 from common.messages import VerdictMessage
 from common.teaching_messages import TeachReply, Unwanted, require_person
 from common.text import nearest
-from common.vocabulary import LABEL, RESERVED
+from common.vocabulary import LABEL, require_teachable
 from hub.scene_state import is_abstention
 from hub.teaching.forgetting import clip_keepers_of
 from hub.teaching.interface import Action, ActionKind, Begin
@@ -139,10 +139,7 @@ def _check_labels(labels: list[str], known: list[str]) -> None:
     for label in labels:
         if not label.strip():
             raise BadInput("a movement has no name; give it one, such as wave")
-        if not LABEL.match(label):
-            raise BadInput(f"{label[:NAME_MOST]!r}: use lower case letters, digits and _ in the name of a movement")
-        if label in RESERVED:
-            raise BadInput(f"{label!r} means something else than a movement; choose another name")
+    require_teachable(labels)
     if len(set(labels)) != len(labels):
         raise BadInput("a movement is named twice; name each once")
     if len({*labels, *known}) < 2:

@@ -29,7 +29,7 @@ from hub.teaching.page_interface import MOVED_ON, PageInterface, PageLesson, Pur
 from hub.teaching.page_memory import WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants
 from hub.teaching.teaching_client import TeachingClient, names_of, presence_of
-from hub.teaching.wording import NO_RIGHT, on_a_page
+from hub.teaching.wording import NO_RIGHT, TYPED, reworded
 
 log = logging.getLogger("labanmesh.hub")
 REPLY_LOOK_S, FIRST_S = 0.5, 0.1
@@ -125,7 +125,7 @@ class LessonServer:
         def forget_everywhere(lesson: PageLesson, present: Sequence[str]) -> None:
             missing = [name for name in self.scene.roster if name not in present]
             forget(self._participants(lesson, present), unwanted, missing, clips=clips)
-            lesson.interface.say(on_a_page(untouched_line(clip_keepers_of(self.scene), clips=clips)))
+            lesson.interface.say(untouched_line(clip_keepers_of(self.scene), clips=clips))
 
         self._begin(secrets.token_hex(8), None, forget_everywhere, "forget")
 
@@ -213,7 +213,7 @@ class LessonServer:
         except KeyboardInterrupt:
             lesson.fault, lesson.stopped = FORGET_KEPT if lesson.purpose == "forget" else TEACH_KEPT, True
         except LabanmeshError as error:
-            lesson.fault = on_a_page(str(error))
+            lesson.fault = reworded(str(error), TYPED)
         except Exception:
             lesson.fault = "an error of labanmesh ended this; its log says more"
             log.exception("lesson")

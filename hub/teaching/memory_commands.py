@@ -3,26 +3,32 @@
 import secrets
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from common import SECOND_NS
+from common.config import Scene, read_scene
 from common.errors import BadInput, LabanmeshError
+from common.lifecycle import stop_on_signals
+from common.link import Link
+from common.teaching_messages import TeachRequest, Unwanted, require_person
 from common.vocabulary import LABEL, LABEL_RULE
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-
-    from common.config import Scene
-    from hub.session import SceneListener
-    from hub.teaching.interface import LessonInterface
-    from hub.teaching.participants import Participants
+from hub.history.history_file import forget_in_history, note_corrections
+from hub.session import SceneListener
+from hub.teaching.correcting import clock_offsets, correct, correction_of, fusion_ns, learn_corrections
+from hub.teaching.forgetting import clip_keepers_of, list_earlier, restore, untouched_line
+from hub.teaching.forgetting import forget as forget_everywhere
+from hub.teaching.interface import LessonInterface
+from hub.teaching.participants import Participants
+from hub.teaching.teaching_client import TeachingClient, find_observers, names_of
+from hub.teaching.terminal import Terminal
+from hub.teaching.wording import NO_RIGHT
 
 OBSERVERS_READY_S = 3.0
 """So long the last verdicts are waited for."""
@@ -32,25 +38,15 @@ OBSERVERS_READY_S = 3.0
 class TaughtScene:
     """A running scene. missing: observers that do not run, or do not answer."""
 
-    scene: "Scene"
-    participants: "Participants"
-    interface: "LessonInterface"
-    listener: "SceneListener"
-    missing: "Collection[str]"
+    scene: Scene
+    participants: Participants
+    interface: LessonInterface
+    listener: SceneListener
+    missing: Collection[str]
 
 
 @contextmanager
 def _opened(file: Path) -> Iterator[TaughtScene]:
-    from common.config import read_scene
-    from common.lifecycle import stop_on_signals
-    from common.link import Link
-    from common.teaching_messages import TeachRequest
-    from hub.session import SceneListener
-    from hub.teaching.participants import Participants
-    from hub.teaching.teaching_client import TeachingClient, find_observers, names_of
-    from hub.teaching.terminal import Terminal
-    from hub.teaching.wording import NO_RIGHT
-
     scene, teacher = read_scene(file), secrets.token_hex(8)
     with stop_on_signals() as stop, Link.open(scene.mesh, "hub", scene=scene.scene, stop=stop) as link:
         present = names_of(find_observers(scene, link, stop), scene)
@@ -74,10 +70,6 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
 
     Without any, all learn what was corrected before. Raises BadInput, and LabanmeshError if nothing could be done.
     """
-    from common.teaching_messages import require_person
-    from hub.history.notes import note_corrections
-    from hub.teaching.correcting import clock_offsets, correct, correction_of, fusion_ns, learn_corrections
-
     if len(when) != len(labels):
         raise BadInput(
             f"--was {len(when)} times, and {len(labels)} labels: each --was WHEN is followed by what it was, e.g. "
@@ -108,8 +100,6 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
 
 def earlier_takes(file: Path, wanted: str = "") -> None:
     """List the takes that the observers have set aside, or make those with the id `wanted` the takes of now."""
-    from hub.teaching.restoring import list_earlier, restore
-
     with _opened(file) as taught:
         if wanted:
             restore(taught.participants, wanted, str(file))
@@ -132,11 +122,6 @@ def forget(
 
     Example: labanmesh forget sofa.model --labels wave -o sofa.model
     """
-    from common.teaching_messages import Unwanted, require_person
-    from hub.history.notes import forget_in_history
-    from hub.teaching.forgetting import clip_keepers_of, untouched_line
-    from hub.teaching.forgetting import forget as forget_everywhere
-
     if bool(person) + bool(label) + everything != 1:
         raise BadInput("what is to be forgotten? name one of --person NAME, --label LABEL, --all")
     require_person(person)

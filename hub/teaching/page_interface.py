@@ -17,7 +17,7 @@ from common.messages import VerdictMessage
 from hub.teaching.correcting import MomentExample
 from hub.teaching.interface import GO, Action, ActionKind, Step, StepKind
 from hub.teaching.lesson import LessonPlan
-from hub.teaching.wording import on_a_page
+from hub.teaching.wording import TYPED, reworded
 
 LINES_LIMIT = 200
 Purpose = Literal["lesson", "correct", "forget"]
@@ -94,7 +94,7 @@ class PageInterface:
     def say(self, line: str) -> None:
         """Add a line."""
         step = self._shown.step
-        lines = (*self._shown.lines, Line(on_a_page(line), step.kind, step.is_test))[-LINES_LIMIT:]
+        lines = (*self._shown.lines, Line(reworded(line, TYPED), step.kind, step.is_test))[-LINES_LIMIT:]
         self._set(replace(self._shown, lines=lines))
 
     def show(self, step: Step) -> None:

@@ -16,19 +16,15 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from threading import Event
 
 from common.errors import BadInput, LabanmeshError
 from common.text import plural
+from hub.session import SceneListener
 from hub.teaching.interface import Step
-from hub.teaching.self_test import next_verdict
+from hub.teaching.learning import next_verdict
 from hub.teaching.terminal import Terminal
 from hub.teaching.wording import outcome_line
-
-if TYPE_CHECKING:
-    from threading import Event
-
-    from hub.session import SceneListener
 
 REHEARSAL_FOLDER = Path("labanmesh-rehearsal")
 REHEARSAL_LABELS = ("byebye", "maestro", "stretch")
@@ -73,7 +69,7 @@ class Rehearsal:
 class RehearsalTerminal(Terminal):
     """A terminal that also tells the performer what is shown."""
 
-    def __init__(self, rehearsal: Rehearsal, stop: "Event", listener: "SceneListener", keyboard: bool) -> None:
+    def __init__(self, rehearsal: Rehearsal, stop: Event, listener: SceneListener, keyboard: bool) -> None:
         super().__init__(stop, listener, keyboard)
         self._rehearsal, self._asked = rehearsal, ""
 

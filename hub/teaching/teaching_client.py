@@ -3,18 +3,15 @@
 import threading
 import time
 from collections.abc import Collection
-from typing import TYPE_CHECKING
 
+from common.config import Scene
+from common.inbox import Presence
 from common.keys import SceneKeys, observer_of
+from common.link import Link
 from common.subsession import SubSession
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import BadMessage, decode, encode
 from hub.teaching.interface import Answers
-
-if TYPE_CHECKING:
-    from common.config import Scene
-    from common.inbox import Presence
-    from common.link import Link
 
 OBSERVER_ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
@@ -63,7 +60,7 @@ class TeachingClient:
         return dict(replies)
 
 
-def find_observers(scene: "Scene", link: "Link", stop: threading.Event) -> "Presence":
+def find_observers(scene: Scene, link: Link, stop: threading.Event) -> Presence:
     """Which observers of the scene file are alive; one that is missing is waited for, at most FIND_S.
 
     Raises KeyboardInterrupt as soon as `stop` is set.
@@ -76,12 +73,12 @@ def find_observers(scene: "Scene", link: "Link", stop: threading.Event) -> "Pres
     return presence
 
 
-def presence_of(scene: "Scene", link: "Link") -> "Presence":
+def presence_of(scene: Scene, link: Link) -> Presence:
     """The observers of the scene file that are alive, kept up to date."""
     return link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
 
 
-def names_of(presence: "Presence", scene: "Scene") -> list[str]:
+def names_of(presence: Presence, scene: Scene) -> list[str]:
     """The observers of the scene file that are alive, in its order."""
     names = {observer_of(key) for key in presence.alive}
     return [name for name in scene.roster if name in names]

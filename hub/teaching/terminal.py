@@ -12,7 +12,7 @@ from common.messages import VerdictMessage
 from hub.session import SceneListener, newly_decided
 from hub.teaching.big_letters import big
 from hub.teaching.interface import GO, Action, Step
-from hub.teaching.wording import step_line, without_keys
+from hub.teaching.wording import KEY_HINTS, reworded, step_line
 
 BEEPS = {"countdown": 1, "now": 2, "kept": 1, "failed": 3, "doubt": 3, "test": 1}
 """Beeps of the terminal's bell: one while it counts down, two to begin, one for a take that is kept, else three."""
@@ -47,7 +47,7 @@ class Terminal:
 
     def say(self, line: str) -> None:
         """A line of its own."""
-        print(self._cleared() + (line if self._keyboard else without_keys(line)), flush=True)
+        print(self._cleared() + (line if self._keyboard else reworded(line, KEY_HINTS)), flush=True)
 
     def show(self, step: Step) -> None:
         """Show a step, a signal in large letters. Without a terminal print only the signal to begin."""

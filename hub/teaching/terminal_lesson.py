@@ -1,11 +1,22 @@
-"""A lesson in a terminal: which observers can be taught, the lesson, and what follows it."""
+"""A lesson in a terminal: the scene's processes where nothing runs yet, which observers can be taught, the lesson, and
+what follows it.
+"""
 
+import os
+import subprocess
+import sys
 import threading
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from common.errors import BadInput, LabanmeshError
+from common.config import Scene
+from common.errors import BadInput, LabanmeshError, reason_of
+from common.files import open_private
+from common.inbox import Presence
+from common.lifecycle import SUPERVISOR_VARIABLE
+from common.link import Link
 from common.teaching_messages import TeachRequest
 from hub.session import SceneListener
 from hub.teaching.interface import LOOK_S
@@ -15,10 +26,50 @@ from hub.teaching.teaching_client import TeachingClient, names_of
 from hub.teaching.terminal import Terminal, single_keys
 from hub.teaching.wording import NO_RIGHT
 
-if TYPE_CHECKING:
-    from common.config import Scene
-    from common.inbox import Presence
-    from common.link import Link
+SCENE_START_S = 60.0
+"""Trackers with a pose model take some seconds to start."""
+SCENE_END_S = 10.0
+
+
+@contextmanager
+def scene_here(
+    file: Path, is_there: Callable[[], bool], pause: Callable[[float], None], environment: Mapping[str, str]
+) -> Iterator[Path]:
+    """The scene runs while the context lasts; yields the path of its log. It ends with the context.
+
+    is_there: whether all observers run. pause: waits so many seconds; raises KeyboardInterrupt to give up. environment:
+    variables for the scene's processes alone. Raises LabanmeshError, with the last line of the log, if the scene ends
+    or does not start within SCENE_START_S.
+    """
+    log = file.with_suffix(".log")
+    try:
+        # What a home does is for this user alone.
+        output = os.fdopen(open_private(log), "w", encoding="utf-8")
+    except OSError as error:
+        reason = reason_of(error)
+        raise LabanmeshError(f"cannot write {log}: {reason}; start the scene yourself: labanmesh up {file}") from None
+    with output:
+        # A session of its own: Ctrl-C is for the lesson, which then ends the scene in order. The scene also ends with a
+        # lesson that is killed, as when its terminal is closed.
+        process = subprocess.Popen(  # noqa: S603 - the command line is ours
+            [sys.executable, "-P", "-m", "labanmesh", "up", str(file)],
+            stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+            env={**os.environ, **environment, SUPERVISOR_VARIABLE: str(os.getpid())},
+        )  # fmt: skip
+        try:
+            end_s = time.monotonic() + SCENE_START_S
+            while not is_there():
+                if process.poll() is not None or time.monotonic() > end_s:
+                    text = log.read_text(encoding="utf-8", errors="replace").strip()
+                    fault = text.rpartition("\n")[2] or "it says nothing"
+                    raise LabanmeshError(f"the scene does not start: {fault} (all of it: {log})")
+                pause(LOOK_S)
+            yield log
+        finally:
+            process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(SCENE_END_S)
+
 
 PICTURES_S = 6.0
 CAMERAS_S = 20.0
@@ -27,9 +78,9 @@ CAMERAS_S = 20.0
 
 def run_lesson(
     plan: LessonPlan,
-    config: "Scene",
-    link: "Link",
-    presence: "Presence",
+    config: Scene,
+    link: Link,
+    presence: Presence,
     stop: threading.Event,
     rehearsal: Rehearsal | None,
     file: Path,
@@ -51,7 +102,7 @@ def run_lesson(
             show_recognition(rehearsal, interface)
 
 
-def present_observers(scene: "Scene", file: Path, presence: "Presence") -> list[str]:
+def present_observers(scene: Scene, file: Path, presence: Presence) -> list[str]:
     """The observers of the scene file that run; raises LabanmeshError without any."""
     present = names_of(presence, scene)
     if not present:

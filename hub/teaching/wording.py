@@ -178,22 +178,6 @@ def takes_done(label: str, replies: Mapping[str, TeachReply]) -> set[int]:
     return {take for reply in replies.values() for take in reply.takes.get(label, ())}
 
 
-def without_takes(labels: Sequence[str], replies: Mapping[str, TeachReply]) -> dict[str, list[str]]:
-    """For each observer that cannot learn all the movements, those of which it has no take."""
-    missing = {name: [each for each in labels if not reply.takes.get(each)] for name, reply in replies.items()}
-    return {name: which for name, which in missing.items() if which}
-
-
-def missing_line(name: str, labels: Sequence[str]) -> str:
-    """Why an observer does not take part."""
-    return f"{name}: has no take of {', '.join(labels)}, and cannot learn; it goes on with its old model"
-
-
-def adopted_line(count: int, labels: Sequence[str]) -> str:
-    """The line that ends a lesson whose models are in use."""
-    return f"{plural(count, 'observer')} and the fusion service recognise {', '.join(labels)} from now on"
-
-
 def summary_line(right: Mapping[str, bool], alarms: int, alarm_s: float, learned: Mapping[str, LearnedReport]) -> str:
     """The result of the test in one line: how many movements, false alarms, and movements that look alike."""
     parts = [f"{sum(right.values())} of {len(right)} recognised"]
@@ -222,17 +206,8 @@ def begun_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
     return sorted({label for reply in replies.values() if reply for label in reply.takes} - known)
 
 
-def on_a_page(line: str) -> str:
-    """A line that names what to type in a terminal, for those who look at a page instead."""
-    return _replaced(line, TYPED)
-
-
-def without_keys(line: str) -> str:
-    """A line that names keys to press, for a terminal without a keyboard."""
-    return _replaced(line, KEY_HINTS)
-
-
-def _replaced(line: str, words: Mapping[str, str]) -> str:
+def reworded(line: str, words: Mapping[str, str]) -> str:
+    """A line without ways out and keys that are not at hand: `words` is TYPED or KEY_HINTS."""
     for before, after in words.items():
         line = line.replace(before, after)
     return line

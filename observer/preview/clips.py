@@ -18,9 +18,8 @@ from common import SECOND_NS
 from common.clip_name import clip_name
 from common.errors import LabanmeshError, reason_of
 from common.inbox import Inbox
-from common.judging_services import JudgingServices
 from common.messages import StatusMessage, VerdictMessage
-from common.same_movement import SameMovement
+from common.same_movement import JudgingServices, SameMovement
 from common.text import plural
 from common.vocabulary import ABSTAIN, Vocabulary
 from common.wire import BadMessage, decode_from

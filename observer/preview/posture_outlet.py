@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common import SECOND_NS
-from common.config_watch import Area
+from common.config_people import Area
 from common.fall_messages import TRACKS_LIMIT, PostureMessage
 from common.subsession import Publisher
 from common.wire import encode

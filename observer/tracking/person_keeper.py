@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from common import SECOND_NS
-from common.matching import best_matching
+from common.floor_place import best_matching
 from observer.tracking.people import GROWTH, MERGED, OTHER_S, SPEED, STEP, Body
 from observer.tracks import Floats, PersonTracks, SeenPeople
 

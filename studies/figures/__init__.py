@@ -5,8 +5,13 @@ from studies.figures.accuracy import (
     earliness_figure,
     reliability_figure,
 )
-from studies.figures.over_time import belief_figure
-from studies.figures.streams import LabelledInterval, StreamTimeline, VerdictBar, stream_timeline_figure
+from studies.figures.over_time import (
+    LabelledInterval,
+    StreamTimeline,
+    VerdictBar,
+    belief_figure,
+    stream_timeline_figure,
+)
 
 __all__ = [
     "LabelledInterval",

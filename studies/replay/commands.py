@@ -2,17 +2,19 @@
 
 import json as json_text
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from common.config import read_scene
 from common.errors import BadInput
+from common.lifecycle import stop_on_signals
 from common.progress import ProgressBar
 from common.text import one_of, plural
-
-if TYPE_CHECKING:
-    from studies.replay.from_judgements import ReplayChange
-    from studies.replay.playback import PlaybackOptions
+from studies.replay.comparison import as_json, as_text
+from studies.replay.from_judgements import ReplayChange
+from studies.replay.judging import judge_again
+from studies.replay.playback import PlaybackOptions, play
 
 
 def replay(
@@ -46,9 +48,6 @@ def replay(
 
     Example: labanmesh replay monday.mcap --onto scene.toml --only posteriors
     """
-    from studies.replay.from_judgements import ReplayChange
-    from studies.replay.playback import PlaybackOptions
-
     change = ReplayChange(tuple(without or ()), rule, quorum, threshold)
     options = PlaybackOptions(speed, one_of("--only", only, ("all", "posteriors")) == "posteriors")
     if onto is None and options != PlaybackOptions():
@@ -60,11 +59,9 @@ def replay(
     _play(capture, onto, options)
 
 
-def _judge(path: Path, change: "ReplayChange", json: bool) -> bool:
+def _judge(path: Path, change: ReplayChange, json: bool) -> bool:
     """Judge it again and print the result; returns whether it agrees wherever it should."""
     from common.capture_file import CaptureFile
-    from studies.replay.comparison import as_json, as_text
-    from studies.replay.judging import judge_again
 
     capture = CaptureFile(path)
     with ProgressBar() as bar:
@@ -76,11 +73,8 @@ def _judge(path: Path, change: "ReplayChange", json: bool) -> bool:
     return result.faithful
 
 
-def _play(path: Path, onto: Path, options: "PlaybackOptions") -> None:
+def _play(path: Path, onto: Path, options: PlaybackOptions) -> None:
     from common.capture_file import CaptureFile
-    from common.config import read_scene
-    from common.lifecycle import stop_on_signals
-    from studies.replay.playback import play
 
     capture, scene = CaptureFile(path), read_scene(onto)
     with stop_on_signals() as stop, ProgressBar() as bar:

@@ -14,7 +14,6 @@ from common.messages import VerdictMessage
 from common.text import plural
 from studies.replay.from_judgements import Gap, ReplayChange
 
-Source = Literal["judgements", "posteriors"]
 Likeness = Literal["bit for bit", "same label", "another label", "not judged", "not recorded"]
 NO_VALUE = "-"
 
@@ -80,7 +79,6 @@ class VerdictComparison:
 class ReplayResult:
     """A capture judged again: `same` of its `judgements` are equal bit for bit; `missing` were not captured."""
 
-    source: Source
     change: ReplayChange
     rows: Sequence[VerdictComparison]
     records: int
@@ -95,9 +93,7 @@ class ReplayResult:
         """Whether the replay agrees with the recording wherever it should: not with a change, not in a gap."""
         if self.change.any:
             return True
-        enough = {"bit for bit"} if self.source == "judgements" else {"bit for bit", "same label"}
-        recorded = any(row.recorded for row in self.rows) or self.judgements > 0
-        return not recorded or all(row.likeness in enough for row in self.rows if not row.partly)
+        return all(row.likeness == "bit for bit" for row in self.rows if not row.partly)
 
 
 def compare_verdicts(
@@ -163,7 +159,7 @@ def as_json(result: ReplayResult, name: str, complete: bool) -> dict[str, Any]:
         "version": 1,
         "capture": name,
         "complete": complete,
-        "from": result.source,
+        "from": "judgements",
         "change": {
             "without": list(change.without), "rule": change.rule, "quorum": change.quorum,
             "threshold": change.threshold, "gone": change.gone,
@@ -194,7 +190,7 @@ def _title(result: ReplayResult, name: str, complete: bool) -> str:
     missing = f", {result.missing} more not captured" if result.missing else ""
     return (
         f"{name}: {result.seconds:.1f} s from {began:%Y-%m-%d %H:%M:%S} UTC, {plural(result.records, 'message')}, "
-        f"{plural(result.judgements, 'judgement')}{missing}{cut}\njudged again from its {result.source}"
+        f"{plural(result.judgements, 'judgement')}{missing}{cut}\njudged again from its judgements"
     )
 
 
@@ -217,11 +213,6 @@ def _counts(result: ReplayResult) -> list[str]:
         stand = sum(row.stands for row in recorded)
         new = sum(not row.recorded and not row.partly for row in result.rows)
         return [f"{_change_text(result.change)}: {stand} of {total} stand{f'; {new} new' if new else ''}{rest}"]
-    if result.source == "posteriors":
-        same = sum(row.stands for row in recorded)
-        replayed = sum(row.last_replayed is not None for row in result.rows)
-        compared = f"; {same} of {len(recorded)} recorded ones the same{rest}" if recorded else ""
-        return [f"{plural(replayed, 'verdict')}{compared}"]
     same = sum(row.likeness == "bit for bit" for row in recorded)
     lines = [f"{same} of {total} the same bit for bit, {result.same} of {result.judgements} judgements{rest}"]
     if not result.faithful:

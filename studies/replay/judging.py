@@ -1,12 +1,12 @@
-"""Judges a capture again offline, from its judgements or its posteriors, and compares the verdicts. Pure."""
+"""Judges a capture again offline, from its judgements, and compares the verdicts. Pure."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
 from common import SECOND_NS
-from common.capture_record import GONE, CaptureRecord
+from common.arrival import GONE, CaptureRecord
 from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import (
@@ -17,10 +17,8 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode, is_short
-from studies.fusion_engine import EngineOutput
-from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
+from studies.replay.comparison import ReplayResult, VerdictRecord, compare_verdicts
 from studies.replay.from_judgements import Gap, JudgementReplay, ReplayChange
-from studies.replay.from_posteriors import replay_posteriors
 
 if TYPE_CHECKING:
     from common.capture_file import CaptureFile
@@ -33,36 +31,29 @@ M = TypeVar("M", bound=Message)
 
 
 def judge_again(capture: "CaptureFile", change: ReplayChange, progress: Progress = lambda *_: None) -> ReplayResult:
-    """Judge `capture` again from its judgements if they have full votes, else from its posteriors.
+    """Judge `capture` again from its judgements, bit for bit if they have full votes.
 
     Raises BadInput for an impossible change, LabanmeshError for a capture without anything to judge.
     """
     change.check(capture.scene.roster)
     summary = _summarise(capture)
-    change = change.in_place_of(summary.rule or capture.scene.fusion.rule)
-    # Short votes are not exact; they are better than nothing.
-    exact = summary.judgements and (summary.full or not summary.posteriors)
-    chosen: Source = "judgements" if exact else "posteriors"
-    if not (summary.judgements or summary.posteriors):
+    if not summary.judgements:
         raise LabanmeshError(
-            f"{capture.path}: contains neither judgements nor posteriors: there is nothing to judge again"
+            f"{capture.path}: contains no judgements: there is nothing to judge again; capture while fusion runs"
         )
-    if chosen == "judgements":
-        replayed = _from_judgements(capture, summary, change, progress)
-        # The judgements of the last verdicts may be missing at the end of the capture.
-        recorded = summary.verdicts[: len(summary.verdicts) - summary.after_last]
-    else:
-        outputs = replay_posteriors(capture.records(), capture.scene, summary.vocabularies, change)
-        replayed = _Replayed(list(_verdict_records(outputs)), gaps=[Gap(0, summary.began_ns)])
-        recorded = summary.verdicts
+    change = change.in_place_of(summary.rule)
+    replayed = _from_judgements(capture, summary, change, progress)
+    # The judgements of the last verdicts may be missing at the end of the capture.
+    recorded = summary.verdicts[: len(summary.verdicts) - summary.after_last]
+    # Short votes are not exact: nothing needs to agree.
+    gaps = replayed.gaps if summary.full else [Gap(0, summary.ended_ns)]
     return ReplayResult(
-        source=chosen,
         change=change,
-        rows=compare_verdicts(recorded, replayed.verdicts, replayed.gaps),
+        rows=compare_verdicts(recorded, replayed.verdicts, gaps),
         records=summary.records,
         seconds=(summary.ended_ns - summary.began_ns) / SECOND_NS,
         began_ns=summary.began_ns,
-        judgements=replayed.judgements if chosen == "judgements" else summary.judgements,
+        judgements=replayed.judgements,
         same=replayed.same,
         missing=replayed.missing,
     )
@@ -78,7 +69,6 @@ class _CaptureSummary:
     verdicts: list[VerdictRecord] = field(default_factory=list)
     records: int = 0
     judgements: int = 0
-    posteriors: int = 0
     after_last: int = 0
     rule: str = ""
     full: bool = True
@@ -116,7 +106,6 @@ def _summarise(capture: "CaptureFile") -> _CaptureSummary:
                 summary.full = summary.full and not (judgement and is_short(judgement))
                 summary.rule = summary.rule or (judgement.rule if judgement else "")
             has_votes = has_votes or record.key == keys.votes
-            summary.posteriors += record.key.endswith("/posterior")
             # A verdict that is sent again, because it may have been lost, is no second one.
             is_verdict = record.key == keys.verdict and record.payload not in last
             if is_verdict and (verdict := _decoded(VerdictMessage, record)):
@@ -154,7 +143,7 @@ def _from_judgements(
             last[person], output = _step(judgement), replay_of(person).fuse(judgement)
             if output is not None:
                 same += encode(output.judgement, full=not is_short(judgement)) == record.payload
-                verdicts += _verdict_records([output])
+                verdicts += [VerdictRecord(verdict, encode(verdict)) for verdict in output.verdicts]
             number += 1
             if number % PROGRESS_EVERY == 0:
                 progress("judging again", number, summary.judgements)
@@ -175,12 +164,6 @@ def _from_judgements(
 def _step(judgement: JudgementMessage) -> tuple[str, str | None, int]:
     """The key of a step."""
     return judgement.fusion, judgement.session, judgement.seq
-
-
-def _verdict_records(outputs: Iterable[EngineOutput]) -> Iterator[VerdictRecord]:
-    for output in outputs:
-        for verdict in output.verdicts:
-            yield VerdictRecord(verdict, encode(verdict))
 
 
 def _vocabularies(message: VocabularyMessage) -> dict[str, Vocabulary]:

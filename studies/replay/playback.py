@@ -23,7 +23,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from common import SECOND_NS
-from common.capture_record import APPEARED, CaptureRecord
+from common.arrival import APPEARED, CaptureRecord
+from common.config import Scene
 from common.errors import LabanmeshError
 from common.link import Link, Publisher
 from common.messages import (
@@ -39,7 +40,6 @@ from common.wire import BadMessage, decode, encode
 
 if TYPE_CHECKING:
     from common.capture_file import CaptureFile
-    from common.config import Scene
 
 FUSION_TIMEOUT_S = 10.0
 HUB_TIMEOUT_S = 1.0
@@ -161,7 +161,7 @@ class CaptureOutline:
 
 def play(
     capture: "CaptureFile",
-    scene: "Scene",
+    scene: Scene,
     options: PlaybackOptions,
     stop: threading.Event,
     progress: Callable[[str, int, int], None] = lambda *_: None,
@@ -186,7 +186,7 @@ class _Player:
     def __init__(
         self,
         capture: "CaptureFile",
-        scene: "Scene",
+        scene: Scene,
         options: PlaybackOptions,
         link: Link,
         links: ExitStack,

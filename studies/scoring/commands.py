@@ -4,17 +4,18 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import plural, split_list
-
-if TYPE_CHECKING:
-    from observer.motion.archive import Recording
-    from studies.scoring.judging import ScoredPerformance
+from observer.motion.archive import Recording, movements_in
+from observer.motion.archive_file import read_archive
+from studies.output_files import make_folder
+from studies.scoring.judging import Judges, ScoredPerformance, score_figure
+from studies.sensors import key_of
 
 DEFAULT_VIEWS = "door,wheel,yaw:45,yaw:315"
 
@@ -48,11 +49,6 @@ def _score(
     performances: Path, references: Path | None, choice: "_Choice", views: str, report: Path | None, as_json: bool
 ) -> None:
     """Score each performance of the choice, and show it."""
-    from observer.motion.archive import movements_in
-    from observer.motion.archive_file import read_archive
-    from studies.output_files import make_folder
-    from studies.scoring.judging import Judges
-
     archive = read_archive(performances)
     is_same = references is None or references.resolve() == performances.resolve()
     shown = archive if references is None or is_same else read_archive(references)
@@ -68,15 +64,15 @@ def _score(
     with ProgressBar() as bar:
         for n, each in enumerate(performed):
             bar("scoring", n, len(performed))
-            others = [take for take in takes if take.label == each.label and not (is_same and _are_one(take, each))]
+            alike = [take for take in takes if take.label == each.label]
+            # A take is no reference for itself.
+            others = [take for take in alike if not (is_same and key_of(take) == key_of(each))]
             own = [take for take in others if references is not None or take.subject != each.subject]
             _show(each, judges.judge(each, own), report, as_json)
 
 
-def _show(performance: "Recording", judged: "ScoredPerformance", report: Path | None, as_json: bool) -> None:
+def _show(performance: Recording, judged: ScoredPerformance, report: Path | None, as_json: bool) -> None:
     """Print one result, and draw its figure into `report`."""
-    from studies.scoring.figure import score_figure
-
     label, subject, trial = performance.label, performance.subject, performance.trial
     words, fields = f"{label}, person {subject}, trial {trial}", judged.as_fields()
     if as_json:
@@ -86,11 +82,6 @@ def _show(performance: "Recording", judged: "ScoredPerformance", report: Path | 
     if report is not None and (best := judged.figure_of()) is not None:
         name = f"{label}-{subject}-{trial}.svg".replace("/", "_")
         (report / name).write_text(score_figure(words, best, judged.remarks), encoding="utf-8")
-
-
-def _are_one(one: "Recording", other: "Recording") -> bool:
-    """Whether two recordings of one archive are the same take: it is no reference for itself."""
-    return (one.label, one.subject, one.trial) == (other.label, other.subject, other.trial)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ import pytest
 from played_scene import VOCABULARY, Dashboard, PlayedScene
 from processes import SOON_S
 
+from common.arrival import CaptureRecord
 from common.capture_file import CaptureWriter
-from common.capture_record import CaptureRecord
 from common.config import read_scene
 from common.errors import LabanmeshError
 from common.messages import Contribution, JudgementMessage, StatusMessage, VerdictMessage, Vote

@@ -3,8 +3,8 @@
 import gzip
 import json
 
+from hub.phone.pages import StaticPages
 from hub.phone.serving import REFUSED
-from hub.phone.static_pages import StaticPages
 
 HOST = "192.168.1.20:8443"
 # A person who raises the right hand, as shares of the picture; landmarks that no part is made of lie in the head.

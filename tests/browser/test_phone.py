@@ -23,7 +23,7 @@ SLOW_S = 180.0
 REQUEST_BYTES = 7000
 """Of a request for a file with its TLS handshake; those of Chromium have 5,300. A second of pictures has far more."""
 OLD_MS = 1200.0
-"""No track that reaches the observer is older: hub/phone/phone_clock.py drops later ones, and its clock may be off."""
+"""No track that reaches the observer is older: phone_session.py drops later ones, and its clock may be off."""
 
 
 # A headless browser never hides a page: the page is told so, and its pictures stop as they do then.

@@ -13,8 +13,8 @@ from mcap.writer import CompressionType, Writer
 from processes import SOON_S
 
 from common import capture_file
+from common.arrival import APPEARED, GONE, CaptureRecord
 from common.capture_file import CHANNELS_LIMIT, CaptureFile, CaptureWriter
-from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 
@@ -153,7 +153,7 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path):
         "import resource, sys\n"
         "from pathlib import Path\n"
         "from common.capture_file import CaptureWriter\n"
-        "from common.capture_record import CaptureRecord\n"
+        "from common.arrival import CaptureRecord\n"
         "from common.config import ObserverConfig, Scene\n"
         "scene = Scene(scene='dojo', observers={'cam1': ObserverConfig(source='m.npz')})\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"

@@ -6,7 +6,7 @@ import pytest
 
 from common.config import read_scene
 from common.errors import LabanmeshError
-from deploy.scene_lock import only_once, runtime_folder
+from deploy.commands import only_once, runtime_folder
 
 
 @pytest.fixture

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from common import SECOND_NS
-from common.floor_place import FloorPlace
-from common.matching import best_matching
+from common.floor_place import FloorPlace, best_matching
 from fusion.people import BEGIN_S, GONE_S, ScenePeople, SeenTrack
 
 HZ = 15

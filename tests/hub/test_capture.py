@@ -7,8 +7,8 @@ import pytest
 from processes import SOON_S
 
 import labanmesh
+from common.arrival import APPEARED, GONE
 from common.capture_file import CaptureFile, CaptureWriter
-from common.capture_record import APPEARED, GONE
 from common.config import read_scene
 from common.link import Link
 from common.wire import encode

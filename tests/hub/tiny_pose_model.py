@@ -2,7 +2,7 @@
 
 import struct
 
-from common.flat_buffer import Bytes, FlatTable, FlatTables, flat_buffer, text
+from common.tflite import Bytes, FlatTable, FlatTables, flat_buffer, text
 
 
 def model(outputs=3, buffers=2):

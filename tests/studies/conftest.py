@@ -13,12 +13,6 @@ def records():
 
 
 @pytest.fixture
-def unjudged(records):
-    """The posteriors of PLAY without judgements."""
-    return [r for r in records if "/observer/" in r.key or r.kind == "answer"]
-
-
-@pytest.fixture
 def write(tmp_path):
     def write_capture(records, scene=None, name="a.mcap"):
         path = tmp_path / name

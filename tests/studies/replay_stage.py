@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.capture_record import CaptureRecord
+from common.arrival import CaptureRecord
 from common.config import FusionConfig, ObserverConfig, Scene
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary

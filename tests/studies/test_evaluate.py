@@ -12,11 +12,12 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import paper
-from studies.evaluate import EvaluationSettings, evaluate
+from studies.evaluate import evaluate
 from studies.output_files import require_writable
 from studies.performer import perform, perform_continuously
 from studies.report import as_json, prepare_report, write_report
 from studies.report_text import as_text, resolved_pairs
+from studies.settings import EvaluationSettings
 from studies.spotting import StreamVerdict, score
 from studies.stream import judge_streams
 

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.tracks import Frame, Tracks
-from studies.faults import FAULT_DELAY_S, FAULTS, ObserverOutputs, OccludedTracker, disturb, parse_fault
+from studies.faults import FAULT_DELAY_S, FAULTS, ObserverOutputs, disturb, parse_fault
 
 VIEWS = ("door", "wheel", "table")
 RATE = 5.0
@@ -90,22 +89,10 @@ def test_faults_are_parsed_view_by_view():
         ("door", "VIEW=KIND is expected, VIEW one of door, wheel, table"),
         ("roof=late", "VIEW one of door, wheel, table"),
         ("=late", "VIEW=KIND is expected"),
-        ("door=", "unknown fault ''; known: wrong, noise, silent, late, hidden"),
+        ("door=", "unknown fault ''; known: wrong, noise, silent, late"),
         ("door=asleep", "unknown fault 'asleep'"),
     ],
 )
 def test_bad_faults_are_rejected(text, error):
     with pytest.raises(BadInput, match=error):
         parse_fault(text, VIEWS)
-
-
-def test_an_occluded_tracker_sees_nothing_in_those_frames_and_skips_none():
-    class Counting:
-        body_parts = ("head",)
-
-        def update(self, frame):
-            return Tracks(np.array([[float(frame.captured_ns), 1.0]]))
-
-    tracker = OccludedTracker(Counting(), 2, 4)
-    centres = [tracker.update(Frame(n, np.zeros(0))).centres[0, 0] for n in range(6)]
-    assert np.array_equal(centres, [0, 1, np.nan, np.nan, 4, 5], equal_nan=True)

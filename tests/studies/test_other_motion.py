@@ -13,10 +13,11 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.archive_file import write_archive
 from studies.commands import evaluate as evaluate_command
-from studies.evaluate import EvaluationSettings, results_of
+from studies.evaluate import results_of
 from studies.observing import observe_folds
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
+from studies.settings import EvaluationSettings
 from studies.spotting import JudgedStream, StreamResult, StreamVerdict
 from studies.stream import judge_observed
 

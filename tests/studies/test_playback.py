@@ -10,8 +10,8 @@ from processes import SOON_S, waited_s
 
 import labanmesh
 from common import SECOND_NS as SECOND
+from common.arrival import APPEARED, GONE, CaptureRecord
 from common.capture_file import CaptureFile, CaptureWriter
-from common.capture_record import APPEARED, GONE, CaptureRecord
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.errors import LabanmeshError
 from common.link import Link

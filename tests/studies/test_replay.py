@@ -30,7 +30,7 @@ from replay_stage import (
 )
 
 import labanmesh
-from common.capture_record import APPEARED, GONE, CaptureRecord
+from common.arrival import APPEARED, GONE, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.message_types import MovementTimes
 from common.messages import Facing, JudgementMessage, VerdictMessage
@@ -55,7 +55,7 @@ def test_the_same_verdicts_bit_for_bit(write, records):
     assert [row.likeness for row in result.rows] == ["bit for bit"] * 3
     assert [len(row.recorded) for row in result.rows] == [2, 2, 2]
     assert result.same == result.judgements == len(steps()) and result.missing == 0
-    assert result.faithful and result.source == "judgements"
+    assert result.faithful
 
 
 def test_verdicts_that_are_sent_again_count_once(write, records):
@@ -70,20 +70,18 @@ def test_verdicts_that_are_sent_again_count_once(write, records):
 def test_short_judgements_are_judged_again_from_the_full_votes_beside_them(write):
     records = recorded(a_scene(), steps(), short=True)
     result = judge_again(write(records), ReplayChange())
-    assert (result.source, result.missing) == ("judgements", 0) and result.faithful
+    assert result.missing == 0 and result.faithful
     assert result.same == result.judgements == len(judgements(records))
     # A capture whose first judgements came before the full ones.
     late = [r for n, r in enumerate(records) if not r.key.endswith("/votes") or n > len(records) // 3]
     assert judge_again(write(late), ReplayChange()).faithful
 
 
-def test_without_the_full_votes_a_capture_is_judged_again_from_its_posteriors(write):
+def test_without_the_full_votes_labels_are_compared_and_no_bits(write):
     records = [r for r in recorded(a_scene(), steps(), short=True) if not r.key.endswith("/votes")]
     result = judge_again(write(records), ReplayChange())
-    assert result.source == "posteriors" and [row.likeness for row in result.rows] == ["same label"] * 3
-    silent = [r for r in records if "/observer/" not in r.key or r.kind == "answer"]
-    result = judge_again(write(silent), ReplayChange())
     assert labels(result) == ["bowing", "lunging", "stretch"] and result.same < result.judgements
+    assert all(row.partly and row.stands for row in result.rows) and result.faithful
 
 
 def test_the_wait_for_the_roster_is_replayed(write):
@@ -338,9 +336,8 @@ def test_impossible_changes_are_rejected(write, records, changes, error):
         judge_again(write(records), ReplayChange(**changes))
 
 
-@pytest.mark.parametrize("source", ["judgements", "posteriors"])
-def test_the_default_rule_judges_a_capture_of_a_rule_that_is_gone_and_says_so(write, records, unjudged, source):
-    scene, records = a_scene(rule="iest"), records if source == "judgements" else unjudged
+def test_the_default_rule_judges_a_capture_of_a_rule_that_is_gone_and_says_so(write, records):
+    scene = a_scene(rule="iest")
     old = [
         replace(
             record,
@@ -353,7 +350,7 @@ def test_the_default_rule_judges_a_capture_of_a_rule_that_is_gone_and_says_so(wr
     result = judge_again(write(old, scene), ReplayChange())
     assert labels(result) == labels(judge_again(write(records), ReplayChange())) and result.faithful
     first = as_text(result, "a.mcap", True).splitlines()[1]
-    assert first == f"judged again from its {source}; its rule 'iest' is gone, 'guarded_product' judges in its place"
+    assert first == "judged again from its judgements; its rule 'iest' is gone, 'guarded_product' judges in its place"
     assert as_json(result, "a.mcap", True)["change"]["gone"] == "iest"
     assert judge_again(write(old, scene), ReplayChange(rule="log")).change.gone is None
 
@@ -375,7 +372,7 @@ def test_captures_that_cannot_be_judged_are_errors(write, records):
         judge_again(write(records[1:]), ReplayChange())
     named = a_scene().model_copy(update={"vocabulary": NAMES.labels})
     assert judge_again(write(records[1:], named), ReplayChange()).faithful
-    with pytest.raises(LabanmeshError, match="contains neither judgements nor posteriors"):
+    with pytest.raises(LabanmeshError, match="contains no judgements"):
         judge_again(write(records[:1]), ReplayChange())
 
 

@@ -3,11 +3,13 @@
 import pytest
 from replay_stage import NAMES, NOON, OBSERVERS, ROOT, a_scene, key_of, steps
 
-from common.capture_record import CaptureRecord
+from common.arrival import CaptureRecord
 from common.config_people import PeopleConfig
 from common.floor_place import FloorPlace
 from common.wire import encode, encode_vocabulary
-from studies.fusion_engine import FusionEngine, PeopleIngest, ScenePeople
+from fusion.people import ScenePeople
+from fusion.people_ingest import PeopleIngest
+from studies.fusion_engine import FusionEngine
 from studies.replay.from_judgements import ReplayChange
 from studies.replay.judging import judge_again
 
@@ -62,8 +64,3 @@ def test_from_judgements_both_people_have_their_verdicts_bit_for_bit(scene, reco
     assert whose(result) == [("left", "bowing"), ("right", "lunging")]
     assert result.faithful and result.same == result.judgements > 60
     assert [row.likeness for row in result.rows] == ["bit for bit", "bit for bit"]
-
-
-def test_from_posteriors_it_is_found_out_anew_who_is_who(scene, recorded, write):
-    unjudged = [r for r in recorded if "/observer/" in r.key or r.kind == "answer"]
-    assert whose(judge_again(write(unjudged, scene), ReplayChange())) == [("left", "bowing"), ("right", "lunging")]

@@ -7,10 +7,10 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
 from observer.runtime.pipeline import Posterior
 from observer.runtime.send_on_change import SendOnChange
-from studies.evaluate import EvaluationSettings
 from studies.fusion_engine import FusionEngine, step
 from studies.observing import observe_folds
 from studies.performer import perform
+from studies.settings import EvaluationSettings
 from studies.stream import observed_stream
 
 CONFIG = FusionConfig(quorum=1)

@@ -18,11 +18,12 @@ from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive, Recording, retime
 from observer.motion.archive_file import read_archive, write_archive
 from studies.commands import evaluate as evaluate_command
-from studies.evaluate import EvaluationSettings, evaluate
+from studies.evaluate import evaluate
 from studies.evaluated_archives import BackgroundArchives, read_archives
 from studies.performer import perform, perform_continuously
 from studies.report import as_json
 from studies.sensors import frames_at_fractions, performances, read_sensors
+from studies.settings import EvaluationSettings
 from studies.stream import judge_streams
 
 LABELS = ("ok", "shake", "lunging")
@@ -93,11 +94,10 @@ def test_a_performance_is_judged_by_the_sensors_that_have_it(archive):
     assert 0 <= judge_streams(performances(sensors), settings(sensors=sensors))["f1"] <= 1
 
 
-@pytest.mark.parametrize("fault", ["wrong", "hidden"])
-def test_a_faulty_sensor_says_nothing_about_what_it_did_not_record(archive, fault):
+def test_a_faulty_sensor_says_nothing_about_what_it_did_not_record(archive):
     lacking = [r for r in archive.recordings if (r.label, r.subject) != ("ok", "3")]
     sensors = (archive, with_recordings(archive, lacking))
-    result = evaluate(performances(sensors), settings(sensors=sensors, faults={"right": fault}))
+    result = evaluate(performances(sensors), settings(sensors=sensors, faults={"right": "wrong"}))
     for r in result.trials:
         assert np.isfinite(r.fused).all() and r.judged_by[0]
         assert not r.judged_by[1] or r.trial.recording.label != "ok"

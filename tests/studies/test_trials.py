@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
-from studies.evaluate import EvaluationSettings, evaluate, folds_of
+from studies.evaluate import evaluate
 from studies.performer import perform
 from studies.report_text import stream_text
+from studies.settings import EvaluationSettings, folds_of
 from studies.stream import THRESHOLDS, judge_streams
 from studies.trials import (
     FASTEST,

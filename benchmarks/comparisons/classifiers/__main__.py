@@ -31,11 +31,11 @@ from observer.geometry.views import split_views
 from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
 from observer.motion.projected import view_of
-from studies.evaluate import EvaluationSettings
-from studies.evaluate_options import BodyParts, JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
+from studies.commands import BodyParts, JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
 from studies.evaluated_archives import chosen_parts
 from studies.output_files import write_text
 from studies.sensors import performances, read_sensors
+from studies.settings import EvaluationSettings
 from studies.trials import labels_in
 
 BEGIN = "<!-- peers: from here to the end mark, `make peers` writes -->"

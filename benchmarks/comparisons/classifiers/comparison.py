@@ -20,9 +20,10 @@ from common.parallel import run_parts
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive
 from observer.tracks import Floats
-from studies.evaluate import EvaluationResult, EvaluationSettings, Progress, evaluate, folds_of, trials_of
+from studies.evaluate import EvaluationResult, evaluate
 from studies.report import FRACTIONS
 from studies.sensors import performances, same_trials
+from studies.settings import EvaluationSettings, Progress, folds_of, trials_of
 from studies.trials import EvaluationTrial, Split, make_trials, with_labels
 
 Names = NDArray[np.str_]

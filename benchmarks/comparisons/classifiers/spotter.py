@@ -22,7 +22,7 @@ from benchmarks.comparisons.classifiers.window_classifier import (
 from common.errors import BadInput
 from common.parallel import run_parts
 from observer.motion.archive import MotionArchive, Recording, subjects_in
-from studies.evaluate import EvaluationSettings, folds_of
+from studies.settings import EvaluationSettings, folds_of
 from studies.spotting import JudgedStream, SpottingScore, StreamScores, StreamVerdict
 
 DOUBT = 1e-4

@@ -23,11 +23,11 @@ from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
 from observer.motion.projected import view_of
 from observer.tracks import BODY_PARTS
-from studies.evaluate import EvaluationSettings, Progress
 from studies.evaluated_archives import ALL_PARTS, chosen_parts
 from studies.observing import observe_folds
 from studies.report import FRACTIONS
 from studies.sensors import performances, read_sensors
+from studies.settings import EvaluationSettings, Progress
 from studies.stream import judge_observed
 from studies.trials import SUBSETS
 

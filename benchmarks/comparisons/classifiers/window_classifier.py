@@ -19,7 +19,7 @@ from benchmarks.comparisons.classifiers.spotter_windows import LENGTHS, SHORTEST
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.tracks import Floats
-from studies.evaluate import EvaluationSettings
+from studies.settings import EvaluationSettings
 
 FRAMES = 60
 KERNELS, KERNELS_FAST = 2500, 168

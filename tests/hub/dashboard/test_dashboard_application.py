@@ -10,8 +10,8 @@ from played_scene import Dashboard
 from processes import SOON_S
 
 from common.address import Address
+from common.arrival import CaptureRecord
 from common.capture_file import CaptureWriter
-from common.capture_record import CaptureRecord
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from common.wire import encode

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from common.capture_record import APPEARED, GONE, CaptureRecord
+from common.arrival import APPEARED, GONE, CaptureRecord
 from common.config import Scene
 from common.wire import encode
 from hub.dashboard.history import CaptureTimeline, ThinnedRecords

@@ -172,7 +172,7 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     assert lines[0] == f"teach at http://127.0.0.1:8420/teach#{made.made_token}"
     assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
     (line,) = _teach_lines(scene, "s.toml", own, lan)
-    monkeypatch.setattr("hub.rights.has_right", lambda scene, what: False)
+    monkeypatch.setattr("hub.dashboard.commands.has_right", lambda scene, what: False)
     assert list(_teach_lines(scene, "s.toml", own, lan)) == [NO_TEACH_RIGHT]
     assert TOKEN not in line and lan.host not in line
 
@@ -181,7 +181,7 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     ("fields", "line"),
     [({"labels": []}, "name at least one movement"), ({}, "a list of names"), ({"labels": [3, 4]}, "a list of names"),
      ({"labels": ["wave"]}, "one movement alone cannot be told"), ({"labels": ["wave", " "]}, "has no name"),
-     ({"labels": ["wave", "a/b"]}, "'a/b': use lower case letters"), ({"labels": ["wave", "wave"]}, "named twice"),
+     ({"labels": ["wave", "a/b"]}, "'a/b': use 1 to 64 lower"), ({"labels": ["wave", "wave"]}, "named twice"),
      ({"labels": ["wave", "abstain"]}, "choose another name"), ({"labels": ["wave", "rest"]}, "choose another name"),
      ({"labels": ["ok"], "add": True}, "one movement alone"),
      ({"labels": [f"m{n}" for n in range(31)]}, "at most 30"), ({**PLAN, "takes": 1}, "takes: a number from 2 to 20"),

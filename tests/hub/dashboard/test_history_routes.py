@@ -10,8 +10,7 @@ from common.teaching_messages import Unwanted
 from hub.dashboard.access import AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.history_routes import history_routes
-from hub.history.history_file import HistoryFile, HistoryQuery
-from hub.history.notes import forget_in_history, note_corrections
+from hub.history.history_file import HistoryFile, HistoryQuery, forget_in_history, note_corrections
 from hub.history.records import HistoryRow
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test

@@ -9,7 +9,7 @@ from common.config import read_scene
 from common.errors import BadInput
 from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
-from hub.dashboard.people_routes import people_routes
+from hub.dashboard.teach_routes import people_routes
 from hub.people_names_file import PeopleNames
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test

@@ -18,10 +18,10 @@ from common.errors import LabanmeshError
 from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.phone_routes import NO_SERVER, ask_for_phones, phone_routes
-from hub.phone.code_page import ShownCodes, code_page
+from hub.phone.pages import ShownCodes, code_page
+from hub.phone.register import read_shown_phones
 from hub.phone.register_file import RegisterFile, register_path
 from hub.phone.serving import serve_files
-from hub.phone.shown_phone import read_shown_phones
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
 ADDRESS = "https://192.168.1.20:8443/"

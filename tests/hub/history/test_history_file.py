@@ -12,11 +12,11 @@ from played_scene import fall_of
 
 from benchmarks.history import WRITER
 from common import SECOND_NS
-from common.config_events import HistoryConfig
+from common.config_hub import HistoryConfig
 from hub.database import DatabaseFault
 from hub.history.history_file import DAY_NS, HistoryFile, HistoryQuery
-from hub.history.keeper import HistoryKeeper
 from hub.history.records import HistoryRow, row_line, row_of
+from hub.history.service import HistoryKeeper
 
 NOON = 1_700_000_000 * SECOND_NS
 
@@ -126,7 +126,7 @@ class Keeper:
 
 
 def test_a_locked_file_loses_nothing_and_is_one_line(path, caplog, monkeypatch):
-    monkeypatch.setattr("hub.history.keeper.KEEPER_BUSY_S", 0.05)
+    monkeypatch.setattr("hub.history.service.KEEPER_BUSY_S", 0.05)
     keeper = Keeper(path)
     keeper.keeper.add(row(1))
     other = sqlite3.connect(path, isolation_level=None)
@@ -187,7 +187,7 @@ def test_a_clock_that_was_set_back_is_one_line_and_loses_nothing(path, caplog):
 
 
 def test_waiting_rows_are_bounded_and_counted(path, monkeypatch):
-    monkeypatch.setattr("hub.history.keeper.WAITING_LIMIT", 3)
+    monkeypatch.setattr("hub.history.service.WAITING_LIMIT", 3)
     keeper = Keeper(path.parent / "nowhere" / "h.db")
     keeper.keeper._waiting = type(keeper.keeper._waiting)(maxlen=3)
     for number in range(5):

@@ -15,13 +15,12 @@ from webhook_server import WebhookServer
 from common import SECOND_NS
 from common.backoff import Backoff
 from common.config import read_scene
-from common.config_events import NotifyConfig
+from common.config_hub import NotifyConfig
 from common.errors import BadInput
 from hub.database import DatabaseFault
 from hub.notify.notification import notification_of, request_of, signed, text_of
-from hub.notify.notification_queue import NotificationQueue
 from hub.notify.notifying import Notifying
-from hub.notify.sender import SENDING
+from hub.notify.sender import SENDING, NotificationQueue
 from labanmesh import main
 
 NOON = 1_700_000_000 * SECOND_NS

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import MS_NS
-from hub.phone.phone_clock import LATE_S, QUESTIONS_LIMIT, PhoneClock
+from hub.phone.phone_session import LATE_S, QUESTIONS_LIMIT, PhoneClock
 
 START_NS = 1_795_657_600_000_000_000
 

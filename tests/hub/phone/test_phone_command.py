@@ -12,7 +12,7 @@ pytest.importorskip("segno")
 from tiny_pose_model import model
 
 from common.errors import BadInput, LabanmeshError
-from hub.phone.code_page import OWN_NAMES, ShownCodes, code_page, terminal_code
+from hub.phone.pages import OWN_NAMES, ShownCodes, code_page, terminal_code
 from hub.phone.pose_model_file import DATA_FOLDER, HASHES, NPM_PACKAGES, fetch, read_files
 from hub.phone.register_file import RegisterFile
 from labanmesh import main

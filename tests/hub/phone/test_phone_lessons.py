@@ -4,8 +4,8 @@ import pytest
 from fake_lesson_server import FakeLessonServer
 
 from common.config import Scene
-from hub.phone.phone_lessons import PhoneLessons
 from hub.phone.phone_messages import LessonRequest
+from hub.phone.running import PhoneLessons
 from hub.teaching.interface import Action
 from hub.teaching.lesson_server import TEACHER_LEASE_S
 

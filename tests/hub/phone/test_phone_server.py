@@ -19,10 +19,10 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from hub.phone import serving
+from hub.phone.pages import StaticPages
 from hub.phone.phone_session import BURST, MOST_HZ
 from hub.phone.register_file import RegisterFile
 from hub.phone.serving import BROKEN, REFUSED, REPLACED, PhoneServer
-from hub.phone.static_pages import StaticPages
 from observer.foreign import frame_of_line
 from observer.tracks import WHOLE_BODY
 

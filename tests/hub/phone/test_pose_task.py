@@ -11,8 +11,7 @@ from tiny_pose_model import model, pose_model
 
 from common import tflite
 from common.errors import BadInput
-from common.flat_buffer import Existing, FlatTable, flat_buffer, floats
-from common.tflite import field, items, number, reference
+from common.tflite import Existing, FlatTable, field_place, flat_buffer, floats, items, number, reference
 from hub.phone.pose_task import BUFFERS, METADATA_LIST, pose_task, with_scale
 
 
@@ -27,16 +26,16 @@ def test_a_model_keeps_all_it_has_and_gets_metadata(outputs, buffers):
     new = with_scale(old, 127.5, 2.5)
     assert new.endswith(old) and new[4:8] == b"TFL3" and (len(new) - len(old)) % 16 == 0
     root = reference(new, 0)
-    assert number(new, field(new, root, 0)) == 3 and string_at(new, field(new, root, 3)) == b"a model"
+    assert number(new, field_place(new, root, 0)) == 3 and string_at(new, field_place(new, root, 3)) == b"a model"
     held = items(new, root, BUFFERS)
     assert len(held) == buffers + 1
     for buffer in range(1, buffers):
-        place = reference(new, field(new, held[buffer], 0))
+        place = reference(new, field_place(new, held[buffer], 0))
         assert new[place + 4 : place + 44] == bytes([buffer]) * 40 and (place + 4) % 16 == 0
     [entry] = items(new, root, METADATA_LIST)
-    assert string_at(new, field(new, entry, 0)) == b"TFLITE_METADATA"
-    assert number(new, field(new, entry, 1)) == buffers
-    metadata = string_at(new, field(new, held[buffers], 0))
+    assert string_at(new, field_place(new, entry, 0)) == b"TFLITE_METADATA"
+    assert number(new, field_place(new, entry, 1)) == buffers
+    metadata = string_at(new, field_place(new, held[buffers], 0))
     assert metadata[4:8] == b"M001" and struct.pack("<f", 127.5) in metadata and struct.pack("<f", 2.5) in metadata
 
 
@@ -57,8 +56,8 @@ def test_another_file_is_one_line(content):
 def test_a_reference_to_the_older_file_is_found_behind_the_new_one():
     older = flat_buffer(FlatTable({0: 7}), b"OLD1")
     new = flat_buffer(FlatTable({0: Existing(reference(older, 0)), 1: floats(1.0)}), b"NEW1", older)
-    table = reference(new, field(new, reference(new, 0), 0))
-    assert number(new, field(new, table, 0)) == 7
+    table = reference(new, field_place(new, reference(new, 0), 0))
+    assert number(new, field_place(new, table, 0)) == 7
 
 
 def test_mediapipe_finds_the_same_metadata():
@@ -84,7 +83,7 @@ def test_nothing_is_left_in_that_only_draws_the_outline():
     assert tflite.whole_numbers(new, graph, tflite.OUTPUTS) == [3, 4, 4, 6, 7]
     done = [tflite.whole_numbers(new, each, tflite.WRITES) for each in items(new, graph, tflite.OPERATIONS)]
     assert done == [[1], [3, 4], [6], [7]], "in their order, without those that make 2 and 5"
-    assert new.endswith(old) and number(new, field(new, root, 0)) == 3
+    assert new.endswith(old) and number(new, field_place(new, root, 0)) == 3
 
 
 @pytest.mark.parametrize("other", [b"", b"no model", model(), model(5)])

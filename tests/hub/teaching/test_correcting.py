@@ -11,9 +11,8 @@ from common.errors import BadInput, LabanmeshError
 from common.messages import Agreement, VerdictMessage, VocabularyReference
 from common.teaching_messages import CorrectedReport, EarlierTakes, ForgottenReport, LearnedReport, TeachReply, Unwanted
 from hub.teaching.correcting import Correction, correct, correction_of, learn_corrections
-from hub.teaching.forgetting import forget, untouched_line
+from hub.teaching.forgetting import forget, list_earlier, restore, untouched_line
 from hub.teaching.participants import Participants
-from hub.teaching.restoring import list_earlier, restore
 
 NOON = datetime(2026, 11, 22, 12, 0, 0, tzinfo=UTC)
 NOON_NS = round(NOON.timestamp() * SECOND_NS)
