@@ -83,7 +83,7 @@ class NetworkFacts:
 
 
 def network_facts(mesh: MeshConfig) -> NetworkFacts:
-    """The facts, except those that Zenoh itself finds."""
+    """What the system tells of `mesh.endpoint`, within a few seconds; `zenoh_s` and `fault` are left unset."""
     parts = EndpointParts.of(mesh.endpoint)
     if not parts.host:
         folder = Path(mesh.endpoint.partition("/")[2]).parent

@@ -199,7 +199,7 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: S
 def _tracks(
     scene: Scene, observer: str, report: Report, wanted: Sequence[str] | None, most: int
 ) -> PipedTracks | MeshTracks:
-    """Of the wanted parts, whatever their names: another program may follow more of the body, or other things."""
+    """The source of another program's tracks, of the wanted parts; it may follow other things than bodies."""
     source = scene.observer(observer).source
     if source == PHONE:
         name, way_out = f"phone {observer}", f"open the page of labanmesh phone {scene.file} {observer} on it"
