@@ -3,12 +3,14 @@
 Prose begins with "# ", and a line that is a setting without its # with "#" alone.
 """
 
+import itertools
 import json
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from common.config_sections import default_quorum
+from common.tracker_choice import PHONE
 
 SCENE_VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
 """Where so many cameras usually stand; more than three stand in the corners."""
@@ -107,13 +109,18 @@ def _in_toml(camera: FirstCamera) -> str:
 
 
 def _steps(file: str, sources: Sequence[str], placed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    yield _step("1.", f"labanmesh doctor {file}", "what is missing, and what to do about it")
-    looks = [f"labanmesh camera look {shlex.quote(source)}" for source in sources]
-    yield _step("2.", looks[0], "what that camera sees, and how well it can be used")
-    yield from (_step("", look) for look in looks[1:])
-    yield _step("3.", f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")
-    yield _step("4.", f"labanmesh teach {file} wave point clap", "your movements, in another terminal")
-    yield _step("5.", f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")
+    looks = [f"labanmesh camera look {shlex.quote(source)}" for source in sources if source != PHONE]
+    steps = [(f"labanmesh doctor {file}", "what is missing, and what to do about it")]
+    steps += [(look, "what that camera sees, and how well it can be used") for look in looks[:1]]
+    steps += [(look, "") for look in looks[1:]]
+    steps += [(f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")]
+    if PHONE in sources:
+        steps += [(f"labanmesh phone {file}", "a code: the phone that reads it is the camera")]
+    steps += [(f"labanmesh teach {file} wave point clap", "your movements, in another terminal")]
+    steps += [(f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")]
+    numbers = itertools.count(1)
+    for command, what in steps:
+        yield _step(f"{next(numbers)}." if what else "", command, what)
     yield "# Or learn a model for each observer from recordings in 3-D (labanmesh camera record, labanmesh import):"
     yield from (_step("", f"labanmesh learn motion.npz --view {view} -o {name}.model") for name, view in placed)
 
