@@ -10,7 +10,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from common.config_sections import default_quorum
-from common.tracker_choice import PHONE
 
 SCENE_VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
 """Where so many cameras usually stand; more than three stand in the corners."""
@@ -77,11 +76,15 @@ mode = "machine"
 
 @dataclass(frozen=True, slots=True)
 class FirstCamera:
-    """A camera of the file. source: as in the scene file. comment: what it is. film: it is played again and again."""
+    """A camera of the file. source: as in the scene file. comment: what it is. film: it is played again and again.
+
+    phone: a phone will be the camera, which `labanmesh camera look` cannot open.
+    """
 
     source: str
     comment: str
     film: bool = False
+    phone: bool = False
 
 
 def scene_text(cameras: Sequence[FirstCamera], file: str, scene: str) -> str:
@@ -93,8 +96,7 @@ def scene_text(cameras: Sequence[FirstCamera], file: str, scene: str) -> str:
     names = [f"cam{number}" for number in range(1, len(cameras) + 1)]
     views = SCENE_VIEWS.get(len(names), CORNER_VIEWS)
     placed = [(name, views[number % len(views)]) for number, name in enumerate(names)]
-    sources = [camera.source for camera in cameras]
-    head = SCENE_HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, sources, placed)), scene=scene)
+    head = SCENE_HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, cameras, placed)), scene=scene)
     observers = [
         OBSERVER.format(name=name, camera=camera.comment, source=_in_toml(camera), view=view)
         for (name, view), camera in zip(placed, cameras, strict=True)
@@ -108,13 +110,13 @@ def _in_toml(camera: FirstCamera) -> str:
     return f"{text}\n# A film that begins anew when it ends.\nloop = true" if camera.film else text
 
 
-def _steps(file: str, sources: Sequence[str], placed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    looks = [f"labanmesh camera look {shlex.quote(source)}" for source in sources if source != PHONE]
+def _steps(file: str, cameras: Sequence[FirstCamera], placed: Sequence[tuple[str, str]]) -> Iterator[str]:
+    looks = [f"labanmesh camera look {shlex.quote(camera.source)}" for camera in cameras if not camera.phone]
     steps = [(f"labanmesh doctor {file}", "what is missing, and what to do about it")]
     steps += [(look, "what that camera sees, and how well it can be used") for look in looks[:1]]
     steps += [(look, "") for look in looks[1:]]
     steps += [(f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")]
-    if PHONE in sources:
+    if any(camera.phone for camera in cameras):
         steps += [(f"labanmesh phone {file}", "a code: the phone that reads it is the camera")]
     steps += [(f"labanmesh teach {file} wave point clap", "your movements, in another terminal")]
     steps += [(f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")]

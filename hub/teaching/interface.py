@@ -59,7 +59,7 @@ class Action:
     """What a person presses, or that nothing was pressed.
 
     go: nothing, so the lesson goes on. begin: begin the takes for which the lesson waits. repeat: remove the take with
-    this number, by default the last one, and make it again; drop: remove it alone. more: make one more take. skip: leave
+    go: nothing, so the lesson goes on. begin: begin the takes that the lesson waits for. repeat: remove the take with
     this part out. pause: wait after this take.
     """
 
