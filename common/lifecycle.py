@@ -45,7 +45,8 @@ def log_to_stderr() -> None:
 def stop_on_signals(for_s: float | None = None) -> Iterator[threading.Event]:
     """An event that SIGTERM or Ctrl-C sets; after Ctrl-C the end of the context raises KeyboardInterrupt (status 130).
 
-    for_s: it is also set after so many seconds; None: it is not.
+    for_s: it is also set after so many seconds; None: it is not. A KeyboardInterrupt that only tells that the event is
+    set, as the search for a router raises it, ends the command with status 0, unless it was Ctrl-C.
     A second signal acts at once, with its handler from before. Only for the main thread. A process that `labanmesh up`
     started (LABANMESH_SUPERVISOR is its process number) also stops when that process is gone, for example killed.
     """
@@ -67,6 +68,12 @@ def stop_on_signals(for_s: float | None = None) -> Iterator[threading.Event]:
         timer.start()
     try:
         yield stop
+    except KeyboardInterrupt:
+        if signal.SIGINT in received or not stop.is_set():
+            raise
+        import typer
+
+        raise typer.Exit from None
     finally:
         timer.cancel()
         _restore(before)

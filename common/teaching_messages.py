@@ -138,9 +138,9 @@ class TakeDoubt(MessagePart):
 class LearnedReport(MessagePart):
     """A model that was learned and is not in force yet.
 
-    results: for each movement, as what its takes were recognised by models that had not learned from them. periods:
-    seconds of one repetition of each movement whose takes are periodic. references: how many takes show how each
-    movement should be done, of those that are scored.
+    results: for each movement, the movements for which models that had not learned from its takes took them, and how
+    often. periods: seconds of one repetition, of each movement whose takes are periodic. references: how many takes
+    show how a movement should be done, of each that is scored.
     """
 
     labels: Labels

@@ -37,7 +37,7 @@ FORGET_S = 30.0
 class Checkpoint(BaseModel):
     """The last judgement with the movement in progress, the last verdict, and the learned reliability.
 
-    undelivered: ends that were sent as the link broke, and not again since: listeners may not have them.
+    undelivered: ended verdicts that were sent while the link broke, so that listeners may not have received them.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -62,7 +62,7 @@ class Checkpoint(BaseModel):
 
     @classmethod
     def of_people(cls, each: "Iterable[Checkpoint | None]") -> "Checkpoint | None":
-        """One for all people of a scene, from that of each one; None if there is none."""
+        """Join the checkpoints of the people of a scene to one; None if there is none."""
         known = [checkpoint for checkpoint in each if checkpoint is not None]
         return known[0].model_copy(update={"people": tuple(known[1:])}) if known else None
 
@@ -208,7 +208,7 @@ def checkpoint_files(scene: Scene, own: str) -> dict[str | None, CheckpointFile]
 
 
 def _written_state(judgement: JudgementMessage, undelivered: Sequence[VerdictMessage]) -> tuple[object, ...]:
-    """What makes a new checkpoint due as it changes: the movement, the second of it, and which ends are undelivered."""
+    """A new checkpoint is due when this changes: the movement, the second of it, and the ends that are undelivered."""
     movement = judgement.movement
     return movement, 0 if movement is None else judgement.at_ns // SECOND_NS, *[verdict.id for verdict in undelivered]
 

@@ -34,7 +34,10 @@ class ServerStep:
 
 @contextmanager
 def instrumented(members: Sequence[SceneMember], own: str) -> Iterator[Callable[[ServerStep], None]]:
-    """Serve health and metrics where the first scene's [metrics] says while the context lasts; yields a recorder."""
+    """Serve health and metrics of the fusion service `own` while the context lasts; yields the recorder of its steps.
+
+    The address is `metrics.listen` of the first of the scenes. Without it nothing is served, and the recorder works.
+    """
     first = members[0]
     only = first if len(members) == 1 else None
     name = first.scene.scene if only else plural(len(members), "scene")

@@ -55,8 +55,8 @@ class SeenTrack:
 class _Track:
     """A track of one observer. since_ns: since when it has no person. costs: by person, the mean over AGREE_S.
 
-    before_ns: when it was seen last but one: the observer's others of that picture have arrived. is_new: whether its
-    newest sighting has not been compared. fits: whether it may be of somebody who is known.
+    before_ns: the time of its last sighting but one; all sightings of that picture have arrived. is_new: whether its
+    newest sighting has not been compared yet. fits: whether it may be of a known person.
     """
 
     seen: SeenTrack
@@ -115,7 +115,7 @@ class ScenePeople:
         self._begin(now_ns)
 
     def align(self, places: Mapping[str, Sequence[float]], at_ns: int) -> None:
-        """Call people as another service does, which has them at these places; who is not known here is expected there.
+        """Take over the ids of another service, which has people at these places; one unknown here is expected there.
 
         To be called while this service does not publish: ids change.
         """
@@ -163,7 +163,7 @@ class ScenePeople:
             track.is_new = False
 
     def _given_up(self, due: Sequence[_Track], now_ns: int) -> list[str]:
-        """Whose id those who wait may have, if no id is free: of somebody whom one observer alone sees.
+        """The person who gives up their id to a track that waits, as one observer alone sees them; [] if nobody does.
 
         Only if two observers see the same person wait: one observer, which may invent people, keeps nobody out.
         """

@@ -144,8 +144,7 @@ class PersonWorker:
             self._own_ids[movement.id] = self.publisher.shared.goes_on(message)
 
     def _named(self, verdict: VerdictMessage) -> VerdictMessage:
-        """The verdict. The end of another service's movement, which this one had ended under an id of its own, names
-        that id: for who knows it the movement is over."""
+        """The verdict, with `same_as` if this service has ended the same movement before under an id of its own."""
         own_id = None if verdict.ended_ns is None else self._own_ids.pop(verdict.id, None)
         return verdict if own_id is None else verdict.model_copy(update={"same_as": own_id})
 

@@ -204,15 +204,16 @@ class VerdictPublisher:
             self._judgements.put(judgement)
 
     def keep_undelivered(self, since_s: float) -> None:
-        """Keep the ends that were sent since then, and may be lost, in the file: killed before it has sent them again,
-        this service does so after its restart."""
+        """Keep the ends that were sent since then in the file, because they may be lost.
+
+        If this service is killed before it has sent them again, it sends them after its restart."""
         ends = tuple(sent.verdict for sent in self._sent_since(since_s) if sent.verdict.ended_ns is not None)
         if ends != self._undelivered:
             self._undelivered = ends
             self._write()
 
     def _sent_since(self, since_s: float) -> Iterable[_Sent]:
-        """What was sent since then, of each movement the last."""
+        """The last verdict on each movement that was sent since then."""
         return {sent.verdict.id: sent for sent in self._sent if sent.at_s >= since_s}.values()
 
     def repeat_verdicts(self, since_s: float, now_s: float) -> None:

@@ -179,8 +179,10 @@ class VocabularyLookup:
         self._times: Mapping[str, MovementTimes] | None = None
 
     def poll(self, digest: str | None = None) -> Vocabulary | None:
-        """The vocabulary in the first usable answer, so that a film of a second is not over before fusion begins; asks
-        when it is due. digest: its hash; None: any."""
+        """Ask if it is due; returns the vocabulary of the first usable answer, or None.
+
+        It does not wait for more answers, so that a film of one second is not over before fusion begins. digest: the
+        hash that is wanted; None: any."""
         self._session.poll()
         payloads = self._payloads.copy()
         self._payloads.clear()

@@ -1,5 +1,6 @@
 """Writes whole files, atomically or directly into a device such as /dev/null; files of named arrays (.npz); TOML."""
 
+import errno
 import os
 import stat
 import zipfile
@@ -35,10 +36,28 @@ def write_file(path: Path, content: bytes | memoryview, way_out: str = OTHER_PAT
         else:
             replace_file(path.resolve(), content, mode)
     except OSError as error:
-        reason = reason_of(error)
-        wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
-        kind = BadInput if wrong_path else LabanmeshError
-        raise kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from error
+        raise _unwritable(path, error, way_out) from error
+
+
+def require_writable_path(path: Path, way_out: str = OTHER_PATH) -> None:
+    """Check, before long work, that `write_file` can write to `path`; raises BadInput as it does."""
+    folder = path.resolve().parent
+    if path.is_dir():
+        number = errno.EISDIR
+    elif not folder.exists():
+        number = errno.ENOENT
+    elif not os.access(folder, os.W_OK):
+        number = errno.EACCES
+    else:
+        return
+    raise _unwritable(path, OSError(number, os.strerror(number)), way_out)
+
+
+def _unwritable(path: Path, error: OSError, way_out: str) -> LabanmeshError:
+    reason = reason_of(error)
+    wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
+    kind = BadInput if wrong_path else LabanmeshError
+    return kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}")
 
 
 def toml_of(path: Path, expected: str) -> dict[str, Any]:

@@ -180,7 +180,7 @@ def observe_part(part: FoldPart) -> FoldCourses:
 
 
 def learn_observer(split: Split, view: View, vocabulary: Vocabulary, settings: EvaluationSettings) -> MovementModel:
-    """One view's model from the training people's movements and streams and, if set, what is something else."""
+    """Learn one view's model from the training people's movements and streams, and from a background if one is set."""
     return learn_view(
         with_labels(split.train, settings.labels),
         view,

@@ -19,17 +19,17 @@ REFERENCE = DOCS / "reference"
 DESIGN = DOCS / "design"
 
 
+def scene_files(page):
+    return [text for text in blocks(page, "toml") if text.startswith("scene = ")]
+
+
 @pytest.mark.parametrize(
     "page",
-    [
-        "README.md",
-        *(f"docs/{name}.md" for name in ("reference/scene", "reference/wire", "guide/operate", "guide/tutorial")),
-    ],
+    [ROOT / "README.md", *(page for page in sorted(DOCS.rglob("*.md")) if scene_files(page))],
+    ids=lambda page: page.name,
 )
 def test_the_scene_files_of_the_documents_are_valid(page, tmp_path):
-    complete = [text for text in blocks(ROOT / page, "toml") if "scene = " in text]
-    assert complete
-    for text in complete:
+    for text in scene_files(page):
         (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
         read_scene(tmp_path / "scene.toml", {})
 

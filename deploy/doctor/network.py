@@ -8,6 +8,7 @@ import os
 import queue
 import re
 import socket
+import textwrap
 import threading
 import time
 from collections.abc import Iterator
@@ -30,6 +31,8 @@ NO_TCP = ("udp", "quic", "unixsock-stream")
 ENDPOINT_PARTS = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^]]*\]|[^:]*):(?P<port>\d+)")
 LISTENING = "0A"
 """A socket's state in /proc/net/tcp."""
+COMMAND_CHARACTERS = 160
+"""Of the command line of another process: two lines of a terminal of 80 columns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,7 @@ class NetworkFacts:
 
 
 def network_facts(mesh: MeshConfig) -> NetworkFacts:
-    """The facts, except those that Zenoh itself finds."""
+    """What the system tells of `mesh.endpoint`, within a few seconds; `zenoh_s` and `fault` are left unset."""
     parts = EndpointParts.of(mesh.endpoint)
     if not parts.host:
         folder = Path(mesh.endpoint.partition("/")[2]).parent
@@ -142,7 +145,7 @@ def listener_on(port: int) -> str:
         with suppress(OSError):
             if any(os.readlink(entry) in sockets for entry in (process / "fd").iterdir()):  # noqa: PTH115 - no path
                 words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
-                return f"PID {process.name} ({' '.join(words).strip()})"
+                return f"PID {process.name} ({textwrap.shorten(' '.join(words), COMMAND_CHARACTERS)})"
     return ""
 
 

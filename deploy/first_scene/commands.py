@@ -60,7 +60,7 @@ def init(
     name = shlex.quote(str(file))
     typer.echo(f"wrote {file}; read it, then: labanmesh doctor {name}")
     if cameras:
-        if any(camera.source == PHONE for camera in cameras):
+        if any(camera.phone for camera in cameras):
             typer.echo(f"show the code that makes a phone the camera: labanmesh phone {name}")
         typer.echo(f"and teach them your movements: labanmesh teach {name} {EXAMPLE_LABELS} --up")
     else:
@@ -100,7 +100,7 @@ def _named(source: str, file: Path) -> FirstCamera:
             f"--source {without_secrets(source)}: no such file or folder; "
             "name a webcam (0), an address (rtsp://...), a film or phone"
         )
-    return FirstCamera(source, "# As named with --source.")
+    return FirstCamera(source, "# As named with --source.", phone=source == PHONE)
 
 
 def _require_new(file: Path) -> None:

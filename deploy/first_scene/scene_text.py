@@ -3,6 +3,7 @@
 Prose begins with "# ", and a line that is a setting without its # with "#" alone.
 """
 
+import itertools
 import json
 import shlex
 from collections.abc import Iterator, Sequence
@@ -75,11 +76,15 @@ mode = "machine"
 
 @dataclass(frozen=True, slots=True)
 class FirstCamera:
-    """A camera of the file. source: as in the scene file. comment: what it is. film: it is played again and again."""
+    """A camera of the file. source: as in the scene file. comment: what it is. film: it is played again and again.
+
+    phone: a phone will be the camera, which `labanmesh camera look` cannot open.
+    """
 
     source: str
     comment: str
     film: bool = False
+    phone: bool = False
 
 
 def scene_text(cameras: Sequence[FirstCamera], file: str, scene: str) -> str:
@@ -91,8 +96,7 @@ def scene_text(cameras: Sequence[FirstCamera], file: str, scene: str) -> str:
     names = [f"cam{number}" for number in range(1, len(cameras) + 1)]
     views = SCENE_VIEWS.get(len(names), CORNER_VIEWS)
     placed = [(name, views[number % len(views)]) for number, name in enumerate(names)]
-    sources = [camera.source for camera in cameras]
-    head = SCENE_HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, sources, placed)), scene=scene)
+    head = SCENE_HEAD.format(schema=SCHEMA_FILE, steps="\n".join(_steps(file, cameras, placed)), scene=scene)
     observers = [
         OBSERVER.format(name=name, camera=camera.comment, source=_in_toml(camera), view=view)
         for (name, view), camera in zip(placed, cameras, strict=True)
@@ -106,14 +110,19 @@ def _in_toml(camera: FirstCamera) -> str:
     return f"{text}\n# A film that begins anew when it ends.\nloop = true" if camera.film else text
 
 
-def _steps(file: str, sources: Sequence[str], placed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    yield _step("1.", f"labanmesh doctor {file}", "what is missing, and what to do about it")
-    looks = [f"labanmesh camera look {shlex.quote(source)}" for source in sources]
-    yield _step("2.", looks[0], "what that camera sees, and how well it can be used")
-    yield from (_step("", look) for look in looks[1:])
-    yield _step("3.", f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")
-    yield _step("4.", f"labanmesh teach {file} wave point clap", "your movements, in another terminal")
-    yield _step("5.", f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")
+def _steps(file: str, cameras: Sequence[FirstCamera], placed: Sequence[tuple[str, str]]) -> Iterator[str]:
+    looks = [f"labanmesh camera look {shlex.quote(camera.source)}" for camera in cameras if not camera.phone]
+    steps = [(f"labanmesh doctor {file}", "what is missing, and what to do about it")]
+    steps += [(look, "what that camera sees, and how well it can be used") for look in looks[:1]]
+    steps += [(look, "") for look in looks[1:]]
+    steps += [(f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")]
+    if any(camera.phone for camera in cameras):
+        steps += [(f"labanmesh phone {file}", "a code: the phone that reads it is the camera")]
+    steps += [(f"labanmesh teach {file} wave point clap", "your movements, in another terminal")]
+    steps += [(f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")]
+    numbers = itertools.count(1)
+    for command, what in steps:
+        yield _step(f"{next(numbers)}." if what else "", command, what)
     yield "# Or learn a model for each observer from recordings in 3-D (labanmesh camera record, labanmesh import):"
     yield from (_step("", f"labanmesh learn motion.npz --view {view} -o {name}.model") for name, view in placed)
 

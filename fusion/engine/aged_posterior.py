@@ -54,7 +54,7 @@ class ObserverClock:
         self.correction_ns = best.skew_ns if best is not None and is_certain else 0
 
     def captured_ns(self, message: PosteriorMessage, now_ns: int) -> int:
-        """The capture time of a message that arrived at `now_ns`: not later, and not after it was sent."""
+        """The capture time of a message that arrived at `now_ns`, at most `now_ns` and at most the time of sending."""
         captured_ns, sent_ns = message.captured_ns, message.sent_ns
         if captured_ns > sent_ns:
             captured_ns = sent_ns
@@ -71,7 +71,7 @@ class ObserverClock:
         self.session, self.seq, self.sent_ns = message.session, message.seq, message.sent_ns
 
     def _precedes(self, message: PosteriorMessage) -> bool:
-        """Whether `message` is a later one of the same session; only those show how the clock runs."""
+        """Whether `message` follows the last used one in the same session; else they do not show how the clock runs."""
         return message.session == self.session and message.seq > self.seq
 
 
@@ -79,13 +79,13 @@ class ObserverClock:
 class AgedPosterior:
     """One observer's posterior as it is pooled: p (M,), and `rest`, the probability that the person is at rest.
 
-    Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
-    age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
-    sees: whether it counts and shows somebody, or does not say; rest is 1 where it does not.
-    unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). reliability:
-    the trust in its labels and its course (trust.py). freshness: k of the fading (rule 3), 1 (unchanged) to 0 (the
-    prior). answers: `answers_of` it, if known. score: as published, or why there is none, by our clock. None, or no
-    facets: it does not publish them.
+    Nothing changes it after it is made. It is not frozen, because a frozen one takes six times as long to make, and
+    each step makes N. An optional field that the observer does not publish is None, and `facets` is empty.
+    age_s: since the capture, corrected by skew_s; None before the first message. skew_s: how far the observer's clock
+    is ahead. sees: whether it counts, and sees somebody or does not publish what it sees; where false, rest is 1.
+    unlearned: P(none of the movements). surprise (M, K): encoded P(facing | movement). reliability: the trust in its
+    labels and its course (trust.py). freshness: k of the fading (rule 3), from 1 (unchanged) to 0 (the prior).
+    answers: what `answers_of` returns, if known. score: as published, or why there is none, by our clock.
     """
 
     observer: str
@@ -111,7 +111,7 @@ class AgedPosterior:
 
     @property
     def information(self) -> float:
-        """Information about the movement, not faded: 0 if it is uniform, or of something else; 1 if it is sure."""
+        """Information about the movement, before fading: 0 if p is uniform or unlearned is 1; 1 if p is certain."""
         p, unlearned = self.p, self.unlearned
         if 0.0 < self.freshness < 1.0:
             p, unlearned = _tempered(p, unlearned, 1.0 / self.freshness)

@@ -157,9 +157,9 @@ class FusionEngine:
         return EngineOutput(judgement, self._released(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
-        """Continue from another service's message: its number and movement; from a verdict also its basis.
+        """Continue from the number and the movement of another service's message; from a verdict also with its basis.
 
-        Of one from before a change of vocabulary only its number: its movement has ended.
+        A message from before a change of vocabulary gives its number alone, because its movement has ended.
         """
         # A number near the end of its range would leave none for the next judgements.
         self._seq = judgement.seq if judgement.seq < LAST_INTEGER // 2 else 0
@@ -193,7 +193,7 @@ class FusionEngine:
         return True
 
     def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:
-        """`verdict` once more, as the end of its movement, which goes on under the id `same_as`, or is not followed."""
+        """The last message on the movement of `verdict`. same_as: the id that another service gives it; "": none."""
         fields = {"same_as": same_as, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)}
         return verdict.model_copy(update={**self._stamp(now_ns), **fields})
 
@@ -226,7 +226,7 @@ class FusionEngine:
         return {"fusion": own, "seq": self._seq, "at_ns": at_ns, "epoch": self.epoch, "session": self.session}
 
     def _released(self, verdicts: Sequence[VerdictMessage]) -> Sequence[VerdictMessage]:
-        """The verdicts to publish now: none while observers are waited for, then also those withheld before."""
+        """The verdicts to publish now: none while the service waits for observers, then also those of that time."""
         if self._segmenter.waits:
             self._withheld += verdicts
             return []

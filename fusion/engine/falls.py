@@ -24,8 +24,10 @@ UP_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class FallState:
-    """stage, since when (ns), P(lying) of all observers together (None: nobody sees the person), and k of n that see
-    the person lie. number: of the fall, from 1; 0 before the first."""
+    """The stage, since when (ns), and k of the n observers that see the person hold that the person lies.
+
+    lying: P(lying) of all observers together; None while nobody sees the person. number: of the fall, counted from 1;
+    0 before the first."""
 
     stage: FallStage
     since_ns: int

@@ -43,9 +43,10 @@ FACING_CELLS_LIMIT = SIZE_LIMIT // 8
 class Ballot:
     """The votes, the pooled posterior, and how many votes agree with its likeliest label.
 
-    entropy: of `pooled`, bits. label: "" without a vote. p: of the label; rounding apart, the largest of `pooled`.
-    contested: whether one of three or more that the others do not contradict votes for another label. Of two it would
-    show nothing: the rule doubts neither. One that finds something else likelier may see too little of the person.
+    entropy: of `pooled`, bits. label: the likeliest, "" without a vote. p: its probability.
+    contested: whether a trusted observer of three or more votes for another label. Of two observers this would show
+    nothing, because the rule doubts neither. An observer that finds "something else" likelier contests nothing: it may
+    see too little of the person.
     """
 
     votes: dict[str, Vote]
@@ -78,7 +79,7 @@ class JudgementBuilder:
     def ballot(
         self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, resting: Mapping[str, float]
     ) -> Ballot:
-        """Every observer's vote, and the fused label. resting: trust in the rest probability, where some is lost."""
+        """Every observer's vote, and the fused label. resting: trust in the rest of the observers below full trust."""
         # (N + 1, M): the pooled posterior is the last row.
         rows, names = pooled.rows, self._labels
         *p, pooled_p = rows.tolist()
@@ -106,7 +107,7 @@ class JudgementBuilder:
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement, contested)
 
     def _entropies(self, rows: Floats) -> list[float]:
-        """`entropy_bits` of each row, in half the time."""
+        """Same as `entropy_bits` of each row, in half the time."""
         most = self._most_bits
         bits: list[float] = np.dot(rows * np.log(rows + TINY), self._to_bits).tolist()
         return [0.0 if entropy <= 0.0 else most if entropy > most else entropy for entropy in bits]

@@ -58,7 +58,7 @@ class PoolingCase:
 
     @property
     def has_unlearned(self) -> bool:
-        """Whether some observer publishes `unlearned`."""
+        """Whether at least one observer publishes `unlearned`."""
         # Of four posteriors, a list takes half the time of `any`.
         return bool([posterior for posterior in self.posteriors if posterior.unlearned is not None])
 
@@ -232,7 +232,10 @@ def _result(case: PoolingCase, rows: Floats, pooled: RuleResult, own: Floats) ->
 
 
 def _without_unproven(case: PoolingCase, pooled: RuleResult) -> list[float]:
-    """1, and of three and more participants "something else" without each that is not proven (1)."""
+    """Limits on "something else": 1, and what it is without each observer that is not proven (1).
+
+    The second ones are there only where three or more observers participate.
+    """
     proven, hypotheses, likelihoods = case.proven, pooled.hypotheses, pooled.likelihoods
     if proven is None or hypotheses is None or likelihoods is None:
         return [1.0]

@@ -86,7 +86,7 @@ class _Voter:
             self.course = observed(self.course, GAIN * gain * nats_of(2.0 * (1.0 - least)), gain)
 
     def rest_at(self, at_ns: int) -> float | None:
-        """Its rest probability then, of an earlier side 0 or 1; None between frames on different sides."""
+        """Its rest probability at that time, 0 or 1 before its last change of side; None between two sides."""
         after = bisect_right(self.changed_ns, at_ns)
         changes = len(self.changed_ns) - after
         if changes and self.before_ns[after] < at_ns:
@@ -94,7 +94,7 @@ class _Voter:
         return self.rest if changes == 0 else float((self.rest >= 0.5) != (changes % 2 == 1))
 
     def log_odds(self, rest: float, at_ns: int) -> float:
-        """Nats for rest if it says so then, as far as it is honest; 0 if it has just changed sides."""
+        """Nats for rest by this observer at that time, weighed by P(honest); 0 if it has just changed sides."""
         before = bisect_right(self.changed_ns, at_ns)
         if before and at_ns - self.changed_ns[before - 1] < NOTICED_S * SECOND_NS:
             return 0.0
@@ -103,7 +103,7 @@ class _Voter:
         return math.log(p / (1.0 - p))
 
     def compare(self, rest: float, others: float, at_ns: int, seconds: float) -> None:
-        """Take its rest probability beside what the others say, nats for rest, for so long."""
+        """Compare its rest probability with what the others say, in nats for rest, over this time."""
         is_stuck = not self.changed_ns or at_ns - self.changed_ns[-1] > STUCK_S * SECOND_NS
         q = 1.0 / (1.0 + math.exp(-others))
         nats = nats_of(2.0 * (rest * q + (1.0 - rest) * (1.0 - q)))
@@ -194,7 +194,7 @@ class RestPool:
 
 
 def _apart(one: _Voter, two: _Voter) -> tuple[float, float]:
-    """P(honest) of two: if one of them is faulty, their courses show which."""
+    """P(honest) of two observers that contradict each other: their courses show which of them is faulty."""
     both, none = one.honest * two.honest, (1.0 - one.honest) * (1.0 - two.honest)
     factor = math.exp((1.0 - both) * (log_odds_of(one.course) - log_odds_of(two.course)))
     first, second = one.honest * (1.0 - two.honest) * factor, two.honest * (1.0 - one.honest) / factor

@@ -111,7 +111,7 @@ class Conditions:
         return SegmentStep(state, named, before, heard_ns, captured_ns - heard_ns)
 
     def _hear(self, newest_ns: int) -> int:
-        """Take the newest capture, here or of another service; returns the one before (rule 9)."""
+        """Remember the newest capture, of this or of another service; returns the one before (rule 9)."""
         last_ns, since_ns = self._heard or (newest_ns, None)
         self._heard = Heard(max(newest_ns, last_ns), since_ns)
         return last_ns
@@ -121,7 +121,7 @@ class Conditions:
             self._movement = replace(self._movement, contested=label)
 
     def _hold(self, state: PooledState, still: bool) -> None:
-        """Take the likeliest label. still: a decided movement rests: posteriors only fade, and the label held stays."""
+        """Remember the likeliest label. still: the person rests after a decided movement, so the label held stays."""
         held, at_ns = self._held, state.at_ns
         is_same = held.label == state.label and at_ns - held.last_ns <= NOTICED_NS
         if state.p < self._config.threshold:
@@ -155,9 +155,10 @@ class Conditions:
         return self._held.label if agreed_ns is not None and at_ns - agreed_ns >= self._hold_ns else None
 
     def _goes_on(self, state: PooledState) -> bool:
-        """Whether the movement goes on: its label is likeliest and half as likely as demanded; undecided, any is.
+        """Whether the movement goes on: its label is the likeliest, and at least half as likely as demanded.
 
-        Another label that fewer than `quorum` observers hold changes nothing: the others may have just begun.
+        Before the decision any label will do. Another label that fewer than `quorum` observers hold changes nothing,
+        because the other observers may have just begun.
         """
         decision, is_alone = self._decision, state.agreeing < self._config.quorum
         stays = 2 * state.p >= self._config.threshold if state.label == decision.label else is_alone
@@ -178,7 +179,7 @@ class Conditions:
             self._held = held._replace(agreed_ns=max(at_ns, held.agreed_ns))
 
     def _finish(self, is_idle: bool = True) -> None:
-        """End the movement. is_idle: whether the person rests, or does something else, or has done so since."""
+        """End the movement. is_idle: whether the person has rested, or done something else, since it was last seen."""
         unseen = not is_idle and self._decision is not UNDECIDED
         self._movement = MovementProgress(self._last_ns, unseen=unseen, after=self._decision.label)
         self.state, self._quiet = IDLE, None
@@ -211,7 +212,7 @@ class Conditions:
         return label if label != decision.label and decision.revisions < REVISIONS_LIMIT else None
 
     def is_revoked(self, step: SegmentStep) -> bool:
-        """Whether rest begins after something else that says that the decided label was wrong (rule 6)."""
+        """Whether "something else" was likely as rest began, so that the decided label is taken back (rule 6)."""
         quiet, at_ns = self._quiet, step.state.at_ns
         if self._decision is UNDECIDED or self._lasts.periodic or quiet is None or quiet.clear_ns is None:
             return False

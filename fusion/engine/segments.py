@@ -40,10 +40,10 @@ class RepetitionCount(NamedTuple):
 class PooledState:
     """The pooled posterior at one time: the likeliest label, and probabilities.
 
-    p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    agreeing: observers whose own label it is; contested: whether one votes for another. observed: whether an
-    observer sees somebody; newest_capture_ns: of the newest one that does, None: at_ns. complete: whether each observer
-    of the roster has begun. repetitions: of the label so far; None: nobody counts.
+    p: of the label, among all answers. unlearned: of "something else", which is no label. rest: that the person rests.
+    agreeing: how many observers hold the label themselves. contested: whether an observer votes for another label.
+    observed: whether an observer sees somebody. newest_capture_ns: of the newest frame of such an observer; None:
+    at_ns. complete: whether each observer of the roster has begun. repetitions: of the label so far; None without.
     """
 
     at_ns: int
@@ -107,11 +107,12 @@ class MovementDecision:
 class MovementProgress:
     """A movement that has not ended: when it began, and the decision, if there is one.
 
-    carried: the label that observers held before it began; ANY: any may be. early: it began before each observer had.
-    unseen: it began before the person was seen idle, since somebody is seen or since a decided movement ended (rule 1).
+    carried: the label that observers held before it began (rule 3); ANY where this may be any label.
+    early: it began while the service still waited for observers (rule 10).
+    unseen: nobody saw the person idle before it, neither since they came nor since the last movement ended (rule 1).
     after: the label of a movement that ended at most `NOTICED_S` before (rule 1).
-    outage_ns: when it was seen last before an outage that may have hidden its end. contested: the last label that would
-    have been decided if no observer had voted for another one.
+    outage_ns: when it was last seen before an outage that may have hidden its end (rule 9).
+    contested: the last label that only the vote of an observer for another label kept from being decided (rule 2).
     """
 
     began_ns: int
@@ -125,7 +126,7 @@ class MovementProgress:
 
 
 class HeldLabel(NamedTuple):
-    """A label that is likely enough: since when, until when, and since when the quorum votes for it without a break."""
+    """A label that meets the threshold: since when, until when, and since when it also has the quorum."""
 
     label: str
     since_ns: int
@@ -155,9 +156,9 @@ class SegmentState(Enum):
 
 
 class SegmentStep(NamedTuple):
-    """One step: what is pooled; `named`, the label that meets rule 2; `before`, the one that met it until now.
+    """One step. named: the label that meets rule 2 now; before: the label that met it at the step before.
 
-    gap_ns: from the newest posterior before, captured at `heard_ns`, to the newest one now.
+    gap_ns: from the newest capture at the step before, `heard_ns`, to the newest one now.
     """
 
     state: PooledState
@@ -185,11 +186,12 @@ class Heard(NamedTuple):
 
 
 class Durations(NamedTuple):
-    """What is known of how long movements with a label last; ns. shortest: of its takes.
+    """What is known of how long movements with one label last; ns. shortest: the shortest of its takes.
 
-    least: none is over sooner, by half of the shortest take, or of a period, less NOTICED_S; over: hardly any is, by
-    two thirds of the shortest take. rest, other: how long one that is repeated may rest, or be something else, before
-    it has ended; periodic: whether it may.
+    least: half of the shortest take, or of a period, less NOTICED_S; no movement is over sooner. over: two thirds of
+    the shortest take, less NOTICED_S, or `least` of a periodic one; hardly any is over sooner.
+    periodic: whether the movement is repeated.
+    rest, other: how long a repeated movement may rest, or look like something else, before it has ended.
     """
 
     shortest_ns: float = inf
@@ -276,6 +278,6 @@ def weighted_median(values: Sequence[float], weights: Sequence[float]) -> float:
 
 
 def repetition_fields(repetitions: RepetitionCount | None) -> dict[str, int | None]:
-    """The fields of a judgement or verdict; of a movement of which no repetition is partial, that is left out."""
+    """The repetitions as fields of a judgement or verdict; `partial_repetitions` is left out where it is 0."""
     done, partial = repetitions or (None, None)
     return {"repetitions": done, "partial_repetitions": partial or None}

@@ -69,12 +69,12 @@ def log_odds_of(honest: float) -> float:
 
 
 def among_contradicted(trust: float) -> float:
-    """By how much less an observer counts on other channels that is named on one: it may be hostile."""
+    """The factor on the weight of an observer that is named on another channel, because it may be hostile."""
     return min(trust / CONTRADICTED, 1.0)
 
 
 def odds_of_fault(trust: float) -> float:
-    """Of an observer that is trusted so far, over those at the start, when trust is 1."""
+    """The odds that an observer with this trust is faulty, over those at the start, when trust is 1."""
     return (1.0 / (HONEST * trust) - 1.0) * HONEST / FAULT
 
 
@@ -94,7 +94,7 @@ def after_message(honest: float, overlap: float, seconds: float) -> float:
 
 
 def after_decision(honest: float, overlap: float, seconds: float) -> float:
-    """P(honest) of the labels once an observer has said so of the label decided for so many seconds."""
+    """P(honest) of an observer's labels after it has held this opinion of the decided label for `seconds`."""
     share = seconds / MOVEMENT_S
     return observed(honest, share * min(nats_of(overlap), AGREES), share)
 

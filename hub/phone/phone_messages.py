@@ -43,14 +43,14 @@ Word = Annotated[str, Field(min_length=1, max_length=128)]
 
 
 class Join(_PhonePart):
-    """The code of a phone that was never here."""
+    """The first message of a phone: the code that it has scanned."""
 
     code: Word
     name: ShortText = ""
 
 
 class Resume(_PhonePart):
-    """The secret of a phone that was here."""
+    """The first message of a phone that comes back: the secret that it got before."""
 
     secret: Word
 

@@ -194,9 +194,11 @@ class PhoneSession:
 
 
 def scene_words(state: SceneState, observer: str) -> Mapping[str, object]:
-    """own: what the observer holds most probable; judged: the referee; verdict: the newest one; observer: its state.
+    """The scene as the page of the phone `observer` shows it: an object for JSON, with these keys.
 
-    known: the movements that are recognised.
+    own, judged: the likeliest movement and its probability, by this observer and by the referee; None without one.
+    moves: whether a movement is in progress; why: what it lacks for a verdict. verdict: the newest one, None before.
+    known: the movements that are recognised. observer: the state of its process, `silent` without one.
     """
     own = next((each for each in state.observers if each.name == observer), None)
     fused = None if state.silent or not state.fused else state.fused[0]

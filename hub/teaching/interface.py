@@ -56,10 +56,11 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Action:
-    """What a person presses.
+    """What a person presses, or that nothing was pressed.
 
-    begin: what the lesson waits for begins. repeat, drop: remove the take with this number, by default the last one,
-    and make it again or not; more: one more take; skip: leave this part out; pause: wait after this take.
+    go: nothing, so the lesson goes on. begin: begin the takes for which the lesson waits. repeat: remove the take with
+    go: nothing, so the lesson goes on. begin: begin the takes that the lesson waits for. repeat: remove the take with
+    this part out. pause: wait after this take.
     """
 
     kind: ActionKind

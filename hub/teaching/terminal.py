@@ -149,7 +149,7 @@ def agrees(question: str, stop: threading.Event) -> bool:
 
 @contextmanager
 def single_keys() -> Iterator[bool]:
-    """Whether single keys can be read, which then need no Enter."""
+    """While the context lasts a key is read without Enter; yields whether the input is a terminal, where that works."""
     if not sys.stdin.isatty():
         yield False
         return

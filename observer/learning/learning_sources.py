@@ -8,6 +8,7 @@ from pathlib import Path
 from common.config import Scene, read_scene
 from common.errors import BadInput, reason_of
 from common.text import split_list
+from observer.files import require_writable_path
 from observer.geometry.placement import PersonPlacement, parse_place, placement_of
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
@@ -66,6 +67,7 @@ def _sensors_to_learn(options: LearnOptions) -> list[SensorFile]:
     elif options.archive is None:
         raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --view door -o cam1.model")
     else:
+        require_writable_path(options.output)
         return [SensorFile("", options.archive, options.view, placement)]
     if options.edits:
         option = "--sensor" if options.sensor else "--scene"

@@ -213,7 +213,7 @@ class StackedWatch(Watch):
 
     @property
     def performed(self) -> int:
-        """Frames of the movement that has ended, while the person rests after it; 0: none whose begin is known."""
+        """Frames of the last movement, while the person rests after it; 0: there is none, or its begin is not known."""
         # Who only holds a posture may go on.
         is_over = (self._segment.over and self.rest >= 0.5) or self._ended
         return max((self._segment.begun or 0) - self._segment.lag, 0) if is_over else 0

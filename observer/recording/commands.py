@@ -67,6 +67,7 @@ def record(options: RecordOptions) -> None:
     if bool(options.label) == options.other_motion:
         raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
     from common.lifecycle import log_to_stderr, stop_on_signals
+    from observer.files import require_writable_path
     from observer.motion.archive import MotionArchive
     from observer.motion.archive_file import read_archive, write_archive
     from observer.recording.new_recording import NothingRecorded
@@ -75,6 +76,7 @@ def record(options: RecordOptions) -> None:
     log_to_stderr()
     performer_axes(options.up, options.front)
     output = options.output
+    require_writable_path(output)
     before = read_archive(output) if output.exists() else None
     if before is not None and before.camera is not None:
         raise BadInput(f"{output}: holds 2-D tracks; choose another file with -o")

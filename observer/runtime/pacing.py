@@ -89,7 +89,7 @@ class TrackingPace:
         return at_ns + self._period_ns / 2 >= self._due_ns
 
     def missed(self, at_ns: int, skipped: int) -> int:
-        """On how many of the `skipped` pictures since the last run, up to this one, the tracker was to be run."""
+        """How many of the `skipped` pictures since the last run the tracker should have seen."""
         if not skipped or self._ran_ns is None:
             return 0
         due = (at_ns - self._ran_ns) / SECOND_NS * self.rate_hz(at_ns)
@@ -180,7 +180,7 @@ class MotionGate:
         self._before_ns, self._unlearned_s = 0, 0.0
 
     def forget(self) -> None:
-        """Somebody moves: the next picture is the first to compare with. What was learned of noise stays."""
+        """Begin anew with the next picture, because somebody moves. What was learned about noise stays."""
         self._mean = None
         self._waiting.clear()
 
@@ -219,7 +219,7 @@ class MotionGate:
 
 
 def _brighter(cells: Cells, mean: Cells) -> np.float32:
-    """By what factor the picture is brighter than the mean: the median over every fifth row and column."""
+    """The factor by which the picture is brighter than the mean: the median over every fifth row and column."""
     ratios = np.sort(((cells[::5, ::5] + 1) / (mean[::5, ::5] + 1)).ravel())
     return np.float32(ratios[len(ratios) // 2])  # np.median takes longer than all the rest
 

@@ -44,7 +44,7 @@ class FloorPlacer:
 
 
 def _by_size(person: PersonTracks, width_px: int) -> FloorPlace:
-    """As a camera at (0, 0) sees it that looks along z with a field of view of 53 degrees; x to the picture's left."""
+    """A person's place before a camera at (0, 0) that looks along z with a field of view of 53 degrees; x is left."""
     focal_px = float(width_px or USUAL_FOCAL_PX)
     z = focal_px * BODY_HEIGHT_M / person.height
     tangent = (width_px / 2 - person.u) / focal_px
@@ -71,7 +71,7 @@ class _GivenTracks:
 
 
 class PeopleObserver:
-    """What `Observer` is for one person; new_observer: makes one for the tracks of a person."""
+    """An `ObserverLike` for several people. new_observer: makes the `Observer` of one person from a tracker."""
 
     def __init__(
         self, tracker: PreparedTracker, new_observer: Callable[[Tracker], Observer], placer: FloorPlacer

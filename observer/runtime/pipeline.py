@@ -84,7 +84,7 @@ class Hurry:
 
 
 def _within(before_ns: int | None, now_ns: int, most_ns: float) -> bool:
-    """Whether it is less than this long ago; a clock that was set back starts anew."""
+    """Whether less than this time has passed; false after a clock was set back."""
     return before_ns is not None and 0 <= now_ns - before_ns < most_ns
 
 

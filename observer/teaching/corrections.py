@@ -52,7 +52,7 @@ class Corrector:
         """Spans of frames (ns) in which the tracks may be of any of several people."""
 
     def note_several(self, at_ns: int) -> None:
-        """In the frame at this time several people are seen, of whom nobody has chosen one."""
+        """Note that the frame of this time shows several people, of whom nobody has chosen one."""
         begin_ns, newest_ns = self._several.pop() if self._several else (at_ns, at_ns)
         if not 0 <= at_ns - newest_ns <= WIDEN_S * SECOND_NS:
             self._several.append((begin_ns, newest_ns))

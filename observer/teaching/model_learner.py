@@ -89,8 +89,9 @@ class ModelLearner:
     def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
         """Remove the models that were learned from unwanted takes; returns how many. in_force: also the one in force.
 
-        The file that the scene names would be in force again after the one that was taught: it goes with that one, and
-        if it knows the person. Raises LabanmeshError for a file that cannot be removed; the others are gone then.
+        The file that the scene names would be in force again after the taught one is gone. So it is removed with
+        the taught one, and if it was learned from the person. Raises LabanmeshError for a file that cannot be removed,
+        after the others have been.
         """
         now = self._in_force
         old = {self._next, self._before, _beside(self._scene_model, "next"), _beside(self._scene_model, "before")}
@@ -162,7 +163,7 @@ def _beside(model: Path, word: str) -> Path:
 
 
 def _knows(path: Path, unwanted: Unwanted) -> bool:
-    """Whether a model file was learned from it; also one that cannot be read, or does not say."""
+    """Whether a model file was learned from unwanted takes; true also if it cannot be read, or does not say."""
     if not path.exists():
         return False
     try:

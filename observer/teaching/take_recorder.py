@@ -51,8 +51,8 @@ COMPANY_S = 3.0
 class CurrentTake:
     """The take that is recorded now. watch: its begin and end; None for something else.
 
-    piece_ns: begin of the piece of something else that is not written yet. people: the most people that were in the
-    picture for a while. side: of the picture on which the one whose take it is was among them.
+    piece_ns: begin of the piece of something else that is not written yet. people: the most people who were in the
+    picture for COMPANY_S. side: where among them the performer was, `left`, `middle` or `right` in the picture.
     """
 
     label: str

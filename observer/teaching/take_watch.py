@@ -100,8 +100,9 @@ class TakeWatch:
         self._wait(at_ns)
 
     def _away(self, centres: Floats) -> float | None:
-        """How far a part is from its place before the movement, wherever the person has gone since, as a share of the
-        body's size; None where that is not known."""
+        """The distance of a part from its place before the movement, seen from the body, in sizes of the body.
+
+        None where it is not known."""
         if self._before is None:
             return None
         known = np.isfinite(centres).all(axis=1) & np.isfinite(self._before).all(axis=1)

@@ -26,9 +26,9 @@ PLACE_FRESH_S = 0.6
 
 
 class TaughtPerson:
-    """place: where the one stands who is taught; None: not known. complaint: why nobody is; "" if all is well.
+    """The person from whom one observer learns. place: where that person stands; None: not known.
 
-    is_begun: whether a take was begun since the last lesson.
+    complaint: why nobody is taught; "" if all is well. is_begun: whether a take was begun since the last lesson.
     """
 
     def __init__(self, placer: FloorPlacer) -> None:

@@ -249,7 +249,7 @@ class Teaching:
 
 
 def _sayable_persons(persons: Mapping[str, Mapping[str, int]]) -> dict[str, dict[str, int]]:
-    """Those of the persons who fit into a reply: a file of an earlier version may hold names of any length."""
+    """The persons whose names fit into a reply: a file of an earlier version may hold names of any length."""
     return {
         name: {label: count for label, count in counts.items() if not label or LABEL.match(label)}
         for name, counts in list(persons.items())[:PERSONS_LIMIT]

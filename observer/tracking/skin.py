@@ -190,7 +190,7 @@ class Candidate:
 
 
 class HandAcquisition:
-    """Remembers candidates from frame to frame."""
+    """Accepts a moving patch of skin as a hand once it has been there for some frames, wherever it goes meanwhile."""
 
     def __init__(self) -> None:
         self._candidates: list[Candidate] = []

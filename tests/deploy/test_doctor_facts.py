@@ -4,6 +4,7 @@ import json
 import os
 import socket
 import subprocess
+import sys
 import threading
 import time
 
@@ -81,6 +82,18 @@ def test_a_port_taken_by_another_program_is_reported(listener, mode, tmp_path, m
     (error,) = [finding for finding in check_network(facts.network) if finding.mark == "error"]
     # The listener is this very process.
     assert f"taken by PID {os.getpid()} (" in error.what or not os.path.exists("/proc/net/tcp")  # noqa: PTH110
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/net/tcp"), reason="Linux tells who listens")  # noqa: PTH110
+def test_the_command_of_a_process_that_holds_a_port_is_one_short_line():
+    listens = "import socket, time\nheld = socket.create_server(('127.0.0.1', 0))\n"
+    code = listens + "print(held.getsockname()[1], flush=True)"
+    code += "\ntime.sleep(60)\n#" + 60 * " long"
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
+        port = int(process.stdout.readline())
+        line = listener_on(port)
+        process.kill()
+    assert line.startswith(f"PID {process.pid} (") and "\n" not in line and len(line) < 200
 
 
 def test_webcams_are_found_by_their_first_node(tmp_path):

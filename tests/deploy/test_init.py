@@ -107,6 +107,8 @@ def test_cameras_can_be_named_and_films_begin_anew(tmp_path, monkeypatch, capsys
     init(tmp_path / "phone.toml", ["phone"])
     assert "labanmesh phone" in capsys.readouterr().out
     assert read_scene(tmp_path / "phone.toml", {}).observers["cam1"].source == "phone"
+    steps = (tmp_path / "phone.toml").read_text("utf-8").partition("# Or learn")[0]
+    assert "# 3. labanmesh phone phone.toml" in steps and "# 5. labanmesh watch" in steps and "camera look" not in steps
     for wrong in (" ", "wave.mp5"):
         with pytest.raises(BadInput, match=f"--source '?{wrong}"):
             init(tmp_path / "other.toml", [wrong])

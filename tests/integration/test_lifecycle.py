@@ -6,7 +6,10 @@ import sys
 from contextlib import contextmanager
 
 import pytest
+import typer
 from processes import SOON_S
+
+from common.lifecycle import stop_on_signals
 
 SERVICE = """
 import signal, sys, threading
@@ -43,6 +46,15 @@ def test_a_signal_stops_cleanly(number, status):
         process.send_signal(number)
         assert process.stdout.readline() == "clean\n"
         assert process.wait(SOON_S) == status
+
+
+def test_a_search_that_the_end_of_the_time_stops_is_no_interruption():
+    with pytest.raises(typer.Exit) as ended, stop_on_signals(0.01) as stop:
+        stop.wait()
+        raise KeyboardInterrupt
+    assert ended.value.exit_code == 0
+    with pytest.raises(KeyboardInterrupt), stop_on_signals():
+        raise KeyboardInterrupt
 
 
 def test_a_second_ctrl_c_acts_at_once():

@@ -111,6 +111,12 @@ def test_a_parameter_outside_its_range_is_one_line_and_exit_2(run, archive, tmp_
     assert status == 2 and error in err and err.count("\n") == 1
 
 
+def test_a_model_that_cannot_be_written_is_refused_before_it_is_learned(run, archive, tmp_path, monkeypatch):
+    monkeypatch.setattr("observer.learning.learn.learn_view", None)
+    status, _, err = run("learn", archive, "--view", "door", "-o", tmp_path / "none" / "a.model")
+    assert status == 2 and "none/a.model: no such file or directory. Choose another path with -o" in err
+
+
 def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(run, archive, tmp_path, monkeypatch):
     learn = ["learn", archive, "--view", "door", "--model", "phase", "-o"]
     status, _, err = run(*learn, tmp_path / "none" / "a.model")
