@@ -47,6 +47,9 @@ class TaughtOptions:
     data: Annotated[People, typer.Option(help="few-takes, corrections: the recordings.")] = People.MSR
     people: Annotated[str, typer.Option(help="corrections: households of these people, e.g. 1,3,5.")] = ""
     life: Annotated[bool, typer.Option("--life", help="few-takes: learn storytelling as something else.")] = False
+    whole_body: Annotated[bool, typer.Option("--whole-body", help="All recorded body parts, not hands and head.")] = (
+        False
+    )
     draws: Annotated[
         int, typer.Option(min=1, help="few-takes, corrections, life: how many people with their movements.")
     ] = 10
@@ -68,10 +71,10 @@ def taught(options: TaughtOptions) -> None:
         with ProgressBar() as bar:
             models = TaughtModels(options.model, parameters)
             people = options.people.split(",") if options.people else []
-            homes = Draws(options.data.value, people, options.draws, options.seed)
+            homes = Draws(options.data.value, people, options.draws, options.seed, options.whole_body)
             print("\n".join(corrections.rows(data, models, homes, options.jobs, partial(bar, "draws"))))
         return
-    room = ROOMS[options.data.value](data)
+    room = ROOMS[options.data.value](data, options.whole_body)
     learned_life = few_takes.life_in(room, data) if options.life and options.row is Row.FEW_TAKES else {}
     teaching, seeds = TaughtModels(options.model, parameters, learned_life), (options.draws, options.seed, options.jobs)
     with ProgressBar() as bar:

@@ -93,13 +93,14 @@ class Corrected:
 
 @dataclass(frozen=True, slots=True)
 class Evening:
-    """One person's performances as a stream of each camera."""
+    """One person's performances as a stream of each camera, all of the same body parts."""
 
     streams: Mapping[str, Recording]
+    body_parts: tuple[str, ...] = BODY_PARTS
 
     def performances(self, labels: Sequence[str], models: Mapping[str, MovementModel]) -> list[JudgedPerformance]:
         """What was done, and what the fusion service said to it."""
-        verdicts = verdicts_on(self.streams, BODY_PARTS, models)
+        verdicts = verdicts_on(self.streams, self.body_parts, models)
         first = next(iter(self.streams.values()))
         return [_performance(span, first.rate_hz, labels, verdicts) for span in first.spans]
 
@@ -107,7 +108,7 @@ class Evening:
         """What each camera remembers at the end of it."""
         result = {}
         for name, stream in self.streams.items():
-            recorder = TracksRecorder(BODY_PARTS, stream.rate_hz)
+            recorder = TracksRecorder(self.body_parts, stream.rate_hz)
             for n, centres in enumerate(stream.positions):
                 at_ns = round(n / stream.rate_hz * SECOND_NS)
                 recorder.update(Frame(at_ns, np.empty(0)), Tracks(centres.astype(np.float64)))
@@ -144,7 +145,7 @@ def evening(
     first = next(iter(room.space.values()))
     shown = [r for r in first.recordings if r.subject == subject and r.label in labels and r.trial in takes]
     shown = [retime(recording, tempo) for recording in shown] if tempo != 1.0 else shown
-    return Evening(streams_of(room, shown, seed)) if shown else None
+    return Evening(streams_of(room, shown, seed), room.body_parts) if shown else None
 
 
 def examples_from(
@@ -219,7 +220,7 @@ def _takes(archive: MotionArchive, subject: str, labels: Sequence[str], takes: S
 
 def rows(data: Path, teaching: TaughtModels, draws: Draws, jobs: int, progress: Progress) -> Iterator[str]:
     """A line for each household, and one for all."""
-    room = one_camera(data, draws.recordings)
+    room = one_camera(data, draws.recordings, draws.whole_body)
     teaching = replace(teaching, life=ordinary_life(room, data))
     homes = households(room, draws.people or PEOPLE[draws.recordings], draws.count, draws.seed)
     results = run_parts(partial(judge_household, room=room, teaching=teaching), homes, jobs or cores(), progress)

@@ -34,17 +34,25 @@ SENSOR = np.array([[-FOCAL_PX, 0.0, 320.0, 0.0], [0.0, -FOCAL_PX, 240.0, 0.0], [
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedRoom:
-    """Two cameras and what they recorded in 3-D, each in its own axes. least: takes that a movement needs."""
+    """Two cameras and what they recorded in 3-D, each in its own axes. least: takes that a movement needs.
+
+    All cameras recorded the same body parts.
+    """
 
     name: str
     space: Mapping[str, MotionArchive]
     views: Mapping[str, View]
     least: int
 
+    @property
+    def body_parts(self) -> tuple[str, ...]:
+        """Names of the body parts that the cameras see."""
+        return next(iter(self.space.values())).body_parts
+
     def seen(self, recordings: Mapping[str, Sequence[Recording]]) -> dict[str, MotionArchive]:
         """The tracks of each camera."""
         return {
-            name: projected(MotionArchive(BODY_PARTS, tuple(shown)), self.views[name], TracksCamera(name))
+            name: projected(MotionArchive(self.body_parts, tuple(shown)), self.views[name], TracksCamera(name))
             for name, shown in recordings.items()
         }
 
@@ -72,14 +80,14 @@ class DrawResult:
     minutes: float
 
 
-def msr_room(data: Path) -> RecordedRoom:
+def msr_room(data: Path, whole_body: bool = False) -> RecordedRoom:
     """MSR Action3D, at most three takes, seen from 20 degrees left and 50 degrees right of the person."""
-    return _gestures("MSR Action3D", with_parts(import_folder(data / "msr_action3d").archive, BODY_PARTS), 3)
+    return _gestures("MSR Action3D", _of(import_folder(data / "msr_action3d").archive, whole_body), 3)
 
 
-def florence3d_room(data: Path) -> RecordedRoom:
+def florence3d_room(data: Path, whole_body: bool = False) -> RecordedRoom:
     """Florence 3D Actions, two or three takes, seen as those of MSR Action3D. The last one is numbered 3."""
-    archive = with_parts(import_florence3d(data / "florence3d").archive, BODY_PARTS)
+    archive = _of(import_florence3d(data / "florence3d").archive, whole_body)
     counts = Counter((r.subject, r.label) for r in archive.recordings)
     numbered = (
         replace(r, trial="3" if int(r.trial) == counts[r.subject, r.label] == 2 else r.trial)
@@ -90,7 +98,8 @@ def florence3d_room(data: Path) -> RecordedRoom:
 
 
 def _gestures(name: str, archive: MotionArchive, least: int) -> RecordedRoom:
-    middle = np.nanmean(np.concatenate([r.positions[:, 2] for r in archive.recordings]), axis=0)
+    head = archive.body_parts.index("head")
+    middle = np.nanmean(np.concatenate([r.positions[:, head] for r in archive.recordings]), axis=0)
     at, yaws = tuple(middle.tolist()), {"sofa": -20.0, "shelf": 50.0}
     views = {
         camera: View(camera, pinhole_matrix(np.deg2rad(yaw), 0.1, DISTANCE_M, FOCAL_PX, CENTRE_PX, at))
@@ -99,24 +108,42 @@ def _gestures(name: str, archive: MotionArchive, least: int) -> RecordedRoom:
     return RecordedRoom(name, dict.fromkeys(views, archive), views, least)
 
 
-def nw_ucla_room(data: Path) -> RecordedRoom:
+def nw_ucla_room(data: Path, whole_body: bool = False) -> RecordedRoom:
     """Northwestern-UCLA: five or six takes, two real depth cameras at once, each sees what it recorded."""
     files = {"left": "sensor1.npz", "right": "sensor2.npz"}
-    space = {name: with_parts(read_archive(data / "nw_ucla" / file), BODY_PARTS) for name, file in files.items()}
+    space = {name: _of(read_archive(data / "nw_ucla" / file), whole_body) for name, file in files.items()}
     return RecordedRoom("nw_ucla", space, {name: View(name, SENSOR) for name in files}, 5)
+
+
+def _of(archive: MotionArchive, whole_body: bool) -> MotionArchive:
+    return archive if whole_body else with_parts(archive, BODY_PARTS)
 
 
 def life_in(room: RecordedRoom, data: Path) -> dict[str, MotionArchive]:
     """Other people's storytelling as the cameras of the room would see it: what else a person does there."""
-    stories = with_parts(read_archive(data / "storytelling" / "storytelling.npz"), BODY_PARTS)
+    stories = spread(read_archive(data / "storytelling" / "storytelling.npz"), room.body_parts)
     return room.seen(dict.fromkeys(room.views, moved_into(room, stories)))
+
+
+def spread(archive: MotionArchive, parts: tuple[str, ...]) -> MotionArchive:
+    """The recordings with these body parts, in this order; one that was not recorded is missing."""
+    recordings = []
+    for recording in archive.recordings:
+        frames, _, axes = recording.positions.shape
+        positions = np.full((frames, len(parts), axes), np.nan, np.float32)
+        for row, part in enumerate(parts):
+            if part in archive.body_parts:
+                positions[:, row] = recording.positions[:, archive.body_parts.index(part)]
+        recordings.append(replace(recording, positions=positions))
+    return MotionArchive(parts, tuple(recordings))
 
 
 def moved_into(room: RecordedRoom, life: MotionArchive) -> tuple[Recording, ...]:
     """Recordings of ordinary life at the place and rate of the room's, without labels."""
     first = next(iter(room.space.values()))
     rate_hz = first.recordings[0].rate_hz
-    heads = [np.nanmedian(np.concatenate([r.positions[:, 2] for r in a.recordings]), axis=0) for a in (first, life)]
+    head = room.body_parts.index("head")
+    heads = [np.nanmedian(np.concatenate([r.positions[:, head] for r in a.recordings]), axis=0) for a in (first, life)]
     return tuple(
         replace(r, positions=(r.positions + (heads[0] - heads[1])).astype(np.float32), label="", spans=())
         for r in (resample(r, rate_hz) for r in life.recordings)
@@ -153,14 +180,14 @@ def judge_draw(draw: Draw, room: RecordedRoom, teaching: TaughtModels) -> DrawRe
         models = teaching.models(room.seen(shown), draw.labels)
         learned = max(learned, *Counter(r.label for r in shown[next(iter(shown))]).values())
         for take in out:
-            names = names_in(verdicts_on(streams_of(room, [take], draw.seed), BODY_PARTS, models))
+            names = names_in(verdicts_on(streams_of(room, [take], draw.seed), room.body_parts, models))
             judged, right, named = judged + 1, right + (names[:1] == [take.label]), named + bool(names)
     others = [r for r in next(iter(own.values())) if r.label not in draw.labels]
     false, frames = 0, 0
     if models is not None and others:
         streams = streams_of(room, others, draw.seed)
         false, frames = (
-            len(names_in(verdicts_on(streams, BODY_PARTS, models))),
+            len(names_in(verdicts_on(streams, room.body_parts, models))),
             len(next(iter(streams.values())).positions),
         )
     return DrawResult(draw, learned, judged, right, named, false, frames / first[0].rate_hz / 60)

@@ -39,17 +39,21 @@ class Household:
 
 @dataclass(frozen=True, slots=True)
 class Draws:
-    """So many households of these people (none: as in PEOPLE) out of `recordings`, a name in ROOMS."""
+    """So many households of these people (none: as in PEOPLE) out of `recordings`, a name in ROOMS.
+
+    whole_body: with every body part that was recorded, not hands and head alone.
+    """
 
     recordings: str
     people: Sequence[str]
     count: int
     seed: int
+    whole_body: bool = False
 
 
-def one_camera(data: Path, name: str = "msr") -> RecordedRoom:
+def one_camera(data: Path, name: str = "msr", whole_body: bool = False) -> RecordedRoom:
     """The recordings of this name as the first camera of the room sees it."""
-    room = ROOMS[name](data)
+    room = ROOMS[name](data, whole_body)
     name = next(iter(room.views))
     return replace(room, space={name: room.space[name]}, views={name: room.views[name]})
 

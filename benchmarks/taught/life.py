@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
-from benchmarks.taught.few_takes import Draw, Progress, RecordedRoom, draws, few, moved_into
+from benchmarks.taught.few_takes import Draw, Progress, RecordedRoom, draws, few, moved_into, spread
 from benchmarks.taught.judging import Cameras, TaughtModels, names_in, verdicts_on
 from common.parallel import cores, run_parts
 from observer.motion.archive import MotionArchive, Recording, select
 from observer.motion.archive_file import read_archive
-from observer.tracks import BODY_PARTS
-from studies.sensors import with_parts
 
 SETS = {"storytelling": (("a",), ("b",)), "karate": (("1", "2", "3", "4"), ("5", "6", "7", "8"))}
 """Set -> the people of both halves; each is learned in every second draw."""
@@ -36,7 +34,7 @@ def life_of(room: RecordedRoom, data: Path, half: int) -> dict[str, dict[str, Mo
     """Set -> the tracks of each camera of the people of one half."""
     result = {}
     for kind, people in SETS.items():
-        archive = select(with_parts(read_archive(data / kind / f"{kind}.npz"), BODY_PARTS), list(people[half]))
+        archive = select(spread(read_archive(data / kind / f"{kind}.npz"), room.body_parts), list(people[half]))
         result[kind] = room.seen(dict.fromkeys(room.views, moved_into(room, archive)))
     return result
 
@@ -47,7 +45,7 @@ def judge_life(draw: Draw, room: RecordedRoom, teaching: TaughtModels, data: Pat
     learned, judged = life_of(room, data, half), life_of(room, data, 1 - half)
     background = {
         name: MotionArchive(
-            BODY_PARTS, tuple(r for kind in learned.values() for r in kind[name].recordings), one.camera
+            room.body_parts, tuple(r for kind in learned.values() for r in kind[name].recordings), one.camera
         )
         for name, one in next(iter(learned.values())).items()
     }
@@ -61,7 +59,7 @@ def judge_life(draw: Draw, room: RecordedRoom, teaching: TaughtModels, data: Pat
         for streams in _performances(cameras):
             for chosen in ({name: streams[name]} for name in streams), (streams,):
                 for own in chosen:
-                    named = len(names_in(verdicts_on(own, BODY_PARTS, models)))
+                    named = len(names_in(verdicts_on(own, room.body_parts, models)))
                     first = next(iter(own.values()))
                     results.append(LifeResult(kind, len(own), named, len(first.positions) / first.rate_hz / 60))
     return results
