@@ -161,7 +161,7 @@ def test_roots_that_are_no_distribution_are_rejected(roots):
 
 def test_a_posterior_has_as_many_bytes_as_wire_md_says():
     page = (ROOT / "docs/reference/wire.md").read_text("utf-8").partition("\n## Bytes\n")[2]
-    rows = r"has about (\d+) bytes.*?\nand (\d+) more.*?, three facets \| (\d+) .*?, seven facets \| (\d+) "
+    rows = r"has about (\d+) bytes.*?\sand\s(\d+) more.*?, three facets \| (\d+) .*?, seven facets \| (\d+) "
     documented = map(int, re.search(rows, page, re.DOTALL).groups())
 
     def size(facets="none", **more):
