@@ -26,7 +26,7 @@ from deploy.doctor.network import check_network, is_free, network_facts
 from deploy.doctor.scene_file import check_refused, check_scene, scene_facts, scenes_in
 from deploy.doctor.security import check_security, security_facts
 
-MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
+MACHINE_S, SCENE_S, NETWORK_S = 5.0, 31.0, 6.0
 """How long checks may take, also on a busy machine; that of the network on top of the time that it listens."""
 NO_OBSERVER = "none"
 NO_WEBCAM = warning("no webcam on this machine", "plug one in, or name an address or a recording as source")

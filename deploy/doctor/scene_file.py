@@ -37,8 +37,8 @@ from deploy.doctor.findings import (
 from deploy.hubs import hub_words
 
 PREFLIGHT = (sys.executable, "-P", "-m")
-PREFLIGHT_S = 10.0
-"""Four observers take 1 to 2 s on two free cores, and several times that on a busy or a small machine."""
+PREFLIGHT_S = 30.0
+"""Four observers take 1 to 2 s on two free cores; 10 s were too few at a load of 13 on cores of half that speed."""
 SCENE_WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
 NEARLY_FULL = 0.75
 """Of a message's size: from here on one more observer or movement may be too much."""
