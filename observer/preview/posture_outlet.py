@@ -77,7 +77,7 @@ class LyingReader:
 
     @property
     def can_tell(self) -> bool:
-        """Whether the parts tell it at all: a shoulder or the neck, a hip or the pelvis, and a knee or a foot."""
+        """Whether the tracker has the parts that are needed: shoulder or neck, hip or pelvis, and knee or foot."""
         return bool(self._shoulders and self._hips and (self._feet or self._knees))
 
     def update(self, centres: Floats, at_ns: int) -> float | None:

@@ -248,13 +248,15 @@ def is_untaught(scene: Scene, observer: str) -> bool:
 
 
 def people_followed(most: int, observers: int, view: View) -> int:
-    """As many as the scene judges, `most`, if it can be known who is who: by where they stand in the room of a camera
-    file, or because no other one of the `observers` looks. Another observer follows one person."""
+    """How many people the observer follows: `most`, as the scene judges, if people can be told apart, else one.
+
+    They can be told apart by where they stand, if the view is a camera file, or if no other of the `observers` looks.
+    """
     return most if view.has_place or observers == 1 else 1
 
 
 def follows_one(most: int, observers: int, view: View, followed: int) -> str:
-    """That the observer follows one person although the scene judges several, and what to do; "" if it is not so.
+    """A line that the observer follows one person although the scene judges several, and what to do; "" if it does not.
 
     followed: how many people its tracker follows.
     """

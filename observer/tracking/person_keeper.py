@@ -195,8 +195,10 @@ def rows_of_people(recorded: Sequence[str]) -> tuple[tuple[str, ...], list[list[
 
 
 def detection_of(centres: Floats, whole: Floats) -> Detection | None:
-    """The body whose parts are seen at `centres` (P, 2), NaN where not; None if these are too few. whole: (Q, 2) where
-    its parts are, seen or not."""
+    """A person whose parts are seen at `centres` (P, 2), NaN where not seen; None if fewer than `LEAST_PARTS` are seen.
+
+    whole: (Q, 2) all parts, also those that are hidden; middle and height of the person follow from them.
+    """
     if np.isfinite(centres).all(axis=1).sum() < LEAST_PARTS:
         return None
     u, v = (whole.min(axis=0) + whole.max(axis=0)) / 2
