@@ -17,8 +17,7 @@ from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.importers import import_recordings
 from observer.motion.projected import ProjectedTracker
 from observer.runtime.pipeline import Observer
-from observer.tracks import BODY_PARTS
-from studies.faults import OccludedTracker
+from observer.tracks import BODY_PARTS, Tracks
 from studies.observing import OutputCourse, watch
 from studies.performer import perform, perform_continuously
 from studies.sensors import with_parts
@@ -65,9 +64,20 @@ class Person:
     def _watch(self, name, blind):
         if self.scripted:
             return unseeing(self.scripted[name]) if blind else self.scripted[name]
-        model, frames = self.models[name], len(self.stream.positions)
+        model = self.models[name]
         tracker = ProjectedTracker(parse_view(VIEWS[name]), self.body_parts, model.header.body_parts)
-        return watch(Observer(OccludedTracker(tracker, 0, frames) if blind else tracker, model, Onset()), self.stream)
+        return watch(Observer(CoveredTracker(tracker.body_parts) if blind else tracker, model, Onset()), self.stream)
+
+
+class CoveredTracker:
+    """Sees no body part in any frame."""
+
+    def __init__(self, body_parts):
+        self.body_parts = body_parts
+
+    def update(self, frame):
+        """All parts missing."""
+        return Tracks(np.full((len(self.body_parts), 2), np.nan))
 
 
 def meet(folder=None, kind=DEFAULT_MODEL):

@@ -77,7 +77,7 @@ def test_a_replay_is_the_same_bit_for_bit_and_a_killed_capture_is_its_beginning(
     assert labanmesh.main(["replay", str(whole)]) == 0
     output = capsys.readouterr().out
     # How many there are is the machine's load; that they are the same is the replay's work.
-    assert re.search(r"([1-9]\d*) of \1 verdicts the same bit for bit", output), output
+    assert re.search(r"([1-9]\d*) of \1 verdicts? the same bit for bit", output), output
     assert not CaptureFile(killed).complete
     received = payloads(killed, keys.verdict)
     assert received == payloads(whole, keys.verdict)[: len(received)]
