@@ -6,6 +6,7 @@
 """
 
 import io
+import json
 import os
 import struct
 from collections.abc import Callable, Iterator
@@ -22,6 +23,7 @@ from pydantic import ValidationError
 
 from common.arrival import CaptureKind, CaptureRecord
 from common.config import Scene
+from common.config_input import without_removed
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.message_types import LAST_INTEGER
 from common.text import plural
@@ -191,7 +193,7 @@ class CaptureFile:
                 "read it with the version of labanmesh that wrote it, or a newer one"
             )
         try:
-            return Scene.model_validate_json(about.get("scene", ""))
+            return _scene_of(about.get("scene", ""))
         except (ValidationError, BadInput) as error:
             raise BadInput(f"{self.path}: its scene cannot be used here: {str(error).splitlines()[0]}") from None
 
@@ -236,3 +238,14 @@ def _open(path: Path) -> _Stream:
         return _Stream(io.FileIO(path))
     except OSError as error:
         raise BadInput(f"cannot read {path}: {reason_of(error)}; name a file written by `labanmesh capture`") from None
+
+
+def _scene_of(written: str) -> Scene:
+    """The scene of a capture, which an earlier version may have written."""
+    try:
+        return Scene.model_validate_json(written)
+    except ValidationError as error:
+        known = None if error.errors()[0]["type"] == "json_invalid" else without_removed(json.loads(written), error)
+        if known is None:
+            raise
+        return Scene.model_validate_json(json.dumps(known))

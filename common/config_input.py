@@ -52,6 +52,13 @@ def without_faults(table: Mapping[str, Any], error: ValidationError) -> dict[str
     return copy
 
 
+def without_removed(table: Mapping[str, Any], error: ValidationError) -> dict[str, Any] | None:
+    """`table`, as an earlier version wrote it, without the keys that are gone since; None if anything else is wrong."""
+    faults = error.errors()
+    gone = all(f["type"] == "extra_forbidden" and _removed(".".join(map(str, f["loc"]))) for f in faults)
+    return without_faults(table, error) if gone else None
+
+
 def override(table: dict[str, Any], model: type[BaseModel], environment: Mapping[str, str]) -> list[str]:
     """Write the overrides in `environment` into `table`, the scene file as parsed; returns the faults, a line each.
 

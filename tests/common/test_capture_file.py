@@ -1,9 +1,11 @@
 """Capture files: what was flushed is readable, whenever the writer is killed."""
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -121,6 +123,20 @@ def test_any_mcap_reader_can_read_a_capture(tmp_path):
         assert topics == [record.key for record in RECORDS]
         assert {channel.message_encoding for channel in reader.get_summary().channels.values()} == {"msgpack"}
         assert [each.data.decode() for each in reader.iter_attachments()] == [TEXT]
+
+
+def test_a_capture_of_an_earlier_version_is_read_without_the_keys_that_are_gone(tmp_path):
+    """An earlier version wrote all keys with their defaults, also those that nobody had set."""
+    written = json.loads(SCENE.model_dump_json())
+    name = next(iter(written["observers"]))
+    written["observers"][name] |= {"virtual": {"noise": 2.0, "seed": 1}, "preview": False}
+    before = SimpleNamespace(model_dump_json=lambda: json.dumps(written))
+    assert CaptureFile(write(tmp_path / "a.mcap", scene=before)).scene == SCENE
+
+    written["observers"][name]["sauce"] = "0"
+    path = write(tmp_path / "b.mcap", scene=before)
+    with pytest.raises(BadInput, match="its scene cannot be used here"):
+        CaptureFile(path)
 
 
 def test_errors_of_reading_name_the_reason(tmp_path, monkeypatch):
