@@ -24,6 +24,7 @@ from observer.geometry.views import View, facing, parse_view, split_views
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, labels_of, select
 from observer.motion.archive_file import read_archive
+from observer.motion.label_sets import labels_in
 from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera
@@ -36,7 +37,7 @@ from studies.report import as_json
 from studies.report_text import as_text
 from studies.sensors import with_parts
 from studies.settings import EvaluationSettings, Progress, folds_of, onset_of, trials_of
-from studies.trials import IDLE_NOISE_M, EvaluationTrial, labels_in
+from studies.trials import IDLE_NOISE_M, EvaluationTrial
 
 PICTURE_RATE_HZ = 30.0
 """The rate of a camera; resample the archive first: `observer.motion.archive.select(archive, rate_hz=...)`."""

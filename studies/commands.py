@@ -183,10 +183,11 @@ def _input(options: EvaluateOptions) -> "tuple[MotionArchive, EvaluationSettings
 def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "EvaluationSettings":
     """The settings of the evaluation; raises BadInput for values that are none."""
     from observer.motion.archive import labels_of
+    from observer.motion.label_sets import labels_in
     from observer.motion.sensors import require_shared_labels
     from studies.faults import parse_fault
     from studies.settings import EvaluationSettings
-    from studies.trials import labels_in, unlearned_and_background
+    from studies.trials import unlearned_and_background
 
     known = labels_of(archives.whole)
     learned = labels_in(options.labels) or known
@@ -232,12 +233,12 @@ def paper(
     """
     from observer.motion.archive import labels_of
     from observer.motion.archive_file import read_archive
+    from observer.motion.label_sets import labels_in
     from observer.tracks import BODY_PARTS
     from studies.experiments import as_text, run_experiments
     from studies.output_files import write_text
     from studies.report import prepare_report, write_report
     from studies.sensors import with_parts
-    from studies.trials import labels_in
 
     whole = with_parts(read_archive(archive), BODY_PARTS)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}

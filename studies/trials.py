@@ -1,17 +1,16 @@
 """The training and test data: movements, people, turns, unknown onsets. Seeded, pure."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from common.text import split_list
 from observer.body import OF_JERKS, QUIET_SHARE
 from observer.geometry.views import turned
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
-from observer.motion.importers.msr_action3d import MSR_LABELS
+from observer.motion.label_sets import labels_in
 from observer.tracks import BODY_PARTS
 
 SLOWEST, FASTEST = 0.6, 1.7
@@ -188,7 +187,7 @@ def unlearned_and_background(
     shown = (
         tuple(m for m in known if m not in learned)
         if unlearned == UNLEARNED_OTHERS
-        else split_list("--unlearned", unlearned)
+        else labels_in(unlearned, "--unlearned")
     )
     _require_apart("--unlearned", shown, learned)
     if isinstance(chosen, int):
@@ -204,7 +203,7 @@ def unlearned_and_background(
 
 
 def _background(text: str) -> Labels | int:
-    return int(text) if text.isdecimal() else split_list("--background-labels", text)
+    return int(text) if text.isdecimal() else labels_in(text, "--background-labels")
 
 
 def _drawn(count: int, shown: Sequence[str], seed: int) -> Labels:
@@ -221,20 +220,3 @@ def _require_apart(option: str, labels: Sequence[str], learned: Sequence[str]) -
     for label in labels:
         if label in learned:
             raise BadInput(f"{option}: {label!r} is one of the learned movements; name the others in --labels")
-
-
-def _numbered(*numbers: int) -> Labels:
-    return tuple(MSR_LABELS[number - 1] for number in numbers)
-
-
-SUBSETS: Mapping[str, Labels] = {
-    # Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010. Upper case: no label is.
-    "AS1": _numbered(2, 3, 5, 6, 10, 13, 18, 20),
-    "AS2": _numbered(1, 4, 7, 8, 9, 11, 12, 14),
-    "AS3": _numbered(6, 14, 15, 16, 17, 18, 19, 20),
-}
-
-
-def labels_in(text: str) -> Labels:
-    """`a,b,AS1` -> the labels, with subsets spelled out; raises BadInput for an empty piece."""
-    return tuple(dict.fromkeys(label for word in split_list("--labels", text) for label in SUBSETS.get(word, (word,))))

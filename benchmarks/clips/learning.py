@@ -13,6 +13,7 @@ from observer.learning.learn import learn_view
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive, common_rate, labels_of
 from observer.motion.archive_file import read_archive
+from observer.motion.label_sets import labels_in
 
 ALL, THE_FOUR = "all", "four"
 
@@ -43,7 +44,7 @@ class Learning:
 
 def chosen_labels(archive: MotionArchive, text: str) -> tuple[str, ...]:
     """`all` of the archive, the `four` that the clips show, or names separated by commas."""
-    return {ALL: labels_of(archive), THE_FOUR: FOUR}.get(text) or split_list("--labels", text)
+    return {ALL: labels_of(archive), THE_FOUR: FOUR}.get(text) or labels_in(text)
 
 
 def chosen_background(archive: MotionArchive, text: str) -> MotionArchive | None:

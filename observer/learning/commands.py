@@ -59,13 +59,15 @@ def learn(options: LearnOptions) -> None:
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
     _require_compatible(options)
-    labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
+    parameters = named_numbers("--parameter", options.parameter or [])
     # Begins before the imports, which take a moment.
     with ProgressBar("reading the recordings"):
         from observer.learning.learning_sources import read_sources
         from observer.motion.archive import require_labels
+        from observer.motion.label_sets import labels_in
         from observer.motion.sensors import require_shared_labels
 
+        labels = labels_in(options.labels)
         sources = read_sources(options)
     if options.effort:
         _learn_effort(options, sources[0])
@@ -211,8 +213,9 @@ def forget(
     """
     from observer.learning.editing import remove_movements
     from observer.model.model_file import read_model, write_model
+    from observer.motion.label_sets import labels_in
 
-    gone = split_list("--labels", labels)
+    gone = labels_in(labels)
     smaller = remove_movements(read_model(model), gone)
     write_model(output, smaller)
     print(f"{output}: {', '.join(gone)} taken out; {describe_vocabulary(smaller.header)}")

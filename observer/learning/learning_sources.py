@@ -16,6 +16,7 @@ from observer.learning.learn_options import LearnOptions
 from observer.learning.taught_takes import AUTO, parts_to_learn
 from observer.motion.archive import MotionArchive, common_rate, labels_of, select
 from observer.motion.archive_file import read_archive
+from observer.motion.label_sets import labels_in
 from observer.motion.projected import require_same_camera
 from observer.motion.sensors import SensorFile, parse_sensors
 
@@ -112,7 +113,7 @@ def _read_background(
     learned: path of the archive to learn from, `archive` its selected recordings; if it is also a background, only its
     --subjects are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
     """
-    background, chosen = options.background, split_list("--background-labels", options.background_labels)
+    background, chosen = options.background, labels_in(options.background_labels, "--background-labels")
     if background == "blends":
         raise BadInput("--background blends: every model learns blends by itself; leave it out, or name an archive")
     if chosen and not background:

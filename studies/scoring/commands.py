@@ -13,6 +13,7 @@ from common.progress import ProgressBar
 from common.text import plural, split_list
 from observer.motion.archive import Recording, movements_in
 from observer.motion.archive_file import read_archive
+from observer.motion.label_sets import labels_in
 from studies.output_files import make_folder
 from studies.scoring.judging import Judges, ScoredPerformance, score_figure
 from studies.sensors import key_of
@@ -40,8 +41,8 @@ def score(
 
     Example: labanmesh score mine.npz --references teacher.npz --label squat
     """
-    texts = {"label": label, "subjects": subjects, "trials": trials, "reference-trials": reference_trials}
-    choice = _Choice(*(split_list(f"--{name}", text) for name, text in texts.items()))
+    texts = {"subjects": subjects, "trials": trials, "reference-trials": reference_trials}
+    choice = _Choice(labels_in(label, "--label"), *(split_list(f"--{name}", text) for name, text in texts.items()))
     _score(performances, references, choice, views, report, as_json)
 
 

@@ -97,7 +97,6 @@ PURE_ALL_THE_SAME = (
     "observer.preview.track_doubts",
 )
 ALLOWED = {
-    ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("deploy.security.router_config", "common.tracker_choice"): "the names of sources, constants",
     ("hub.phone.pose_task", "zipfile"): "an archive in memory",
     ("common.tflite", "zipfile"): "an archive in memory",

@@ -81,6 +81,7 @@ def test_learn_writes_a_model_for_each_sensor_with_one_vocabulary(run, archive, 
     [
         (["--view", "dor"], "did you mean door?"),
         (["--view", "door", "--labels", "shak"], "shak: no recording shows this movement; did you mean shake?"),
+        (["--view", "door", "--labels", "ok,AS1"], "--labels horizontal_arm_wave: no recording shows this movement"),
         (["--view", "door", "--labels", "ok"], "at least two movements"),
         (["--view", "door", "--subjects", "7"], "subject '7': not in the archive; it has 1, 2"),
         (["--view", "door", "--model", "phaze"], "did you mean phase?"),

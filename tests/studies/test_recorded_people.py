@@ -4,12 +4,11 @@ import pytest
 
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
-from observer.motion.importers.msr_action3d import MSR_LABELS
+from observer.motion.label_sets import MSR_LABELS, SUBSETS
 from studies.evaluate import evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
 from studies.report import as_json
 from studies.settings import EvaluationSettings
-from studies.trials import SUBSETS
 
 ODD, EVEN = ("1", "3", "5", "7", "9"), ("2", "4", "6", "8", "10")
 pytestmark = pytest.mark.slow

@@ -30,13 +30,13 @@ from common.text import split_list
 from observer.geometry.views import split_views
 from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
+from observer.motion.label_sets import labels_in
 from observer.motion.projected import view_of
 from studies.commands import BodyParts, JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
 from studies.evaluated_archives import chosen_parts
 from studies.output_files import write_text
 from studies.sensors import performances, read_sensors
 from studies.settings import EvaluationSettings
-from studies.trials import labels_in
 
 BEGIN = "<!-- peers: from here to the end mark, `make peers` writes -->"
 END = "<!-- peers: end -->"

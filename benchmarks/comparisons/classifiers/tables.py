@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from benchmarks.command_line import markdown_table
 from benchmarks.comparisons.classifiers.comparison import PEERS, PRODUCT, PeerComparison
+from observer.motion.label_sets import SUBSETS
 from observer.tracks import Floats
-from studies.trials import SUBSETS
 
 DRAWS = 2000
 COVERAGE = 0.95

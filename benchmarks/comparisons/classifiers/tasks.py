@@ -21,6 +21,7 @@ from common.errors import BadInput
 from observer.motion.archive import MotionArchive, labels_of, subjects_in
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
+from observer.motion.label_sets import SUBSETS
 from observer.motion.projected import view_of
 from observer.tracks import BODY_PARTS
 from studies.evaluated_archives import ALL_PARTS, chosen_parts
@@ -29,7 +30,6 @@ from studies.report import FRACTIONS
 from studies.sensors import performances, read_sensors
 from studies.settings import EvaluationSettings, Progress
 from studies.stream import judge_observed
-from studies.trials import SUBSETS
 
 VIEWS = ("door", "wheel")
 WITH_FEET = (*BODY_PARTS, "left_foot", "right_foot")

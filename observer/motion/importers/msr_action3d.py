@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording
 from observer.motion.importers.base import ImportResult, Progress, counted, files_at, number_rows, read_text
+from observer.motion.label_sets import MSR_LABELS
 from observer.tracks import WHOLE_BODY
-
-MSR_LABELS = (
-    *("high_arm_wave", "horizontal_arm_wave", "hammer", "hand_catch", "forward_punch", "high_throw", "draw_x"),
-    *("draw_tick", "draw_circle", "hand_clap", "two_hand_wave", "side_boxing", "bend", "forward_kick", "side_kick"),
-    *("jogging", "tennis_swing", "tennis_serve", "golf_swing", "pickup_and_throw"),
-)
-"""Movements 1 to 20."""
 
 MSR_HZ = 15.0
 MOST_EMPTY = 0.3

@@ -113,7 +113,7 @@ def test_learn_and_add_on_the_command_line(run, archives):
     ("words", "error"),
     [
         (["--background", "all.npz"], "background: 'ok' is among the movements that are learned; name others"),
-        (["--background", "all.npz", "--background-labels", "jump"], "jump: no recording shows this movement"),
+        (["--background", "all.npz", "--background-labels", "AS2"], "high_arm_wave: no recording shows this movement"),
         (["--background", "blends"], "every model learns blends by itself; leave it out, or name an archive"),
         (["--background-labels", "byebye"], "of which archive? name it with --background"),
         (["--background", "none.npz"], "none.npz"),

@@ -184,6 +184,8 @@ def test_add_and_forget_on_the_command_line(run, people, tmp_path):
     assert err == "warning: byebye: 2 recordings; record it at least 3 times\n"
     status, _, err = run(*words, "--add-to", file, "--effort", "-o", file)
     assert status == 2 and err.count("\n") == 1
+    status, _, err = run("forget", file, "--labels", "AS1", "-o", file)
+    assert status == 2 and "horizontal_arm_wave" in err
     status, out, _ = run("forget", file, "--labels", "byebye", "-o", file)
     assert status == 0 and "byebye taken out; 2 movements now" in out
     assert same(before, read_model(file))

@@ -10,7 +10,7 @@ from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import check_archive
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
-from observer.motion.importers.msr_action3d import MSR_LABELS
+from observer.motion.label_sets import MSR_LABELS
 from observer.tracks import WHOLE_BODY
 
 LEFT, RIGHT, HEAD = range(3)
