@@ -79,9 +79,9 @@ def up(
             most_failures=FAILURES_WITH_AN_END if exit_when_done else None,
             ended=lambda name: (barrier / f"{name}.awaited").unlink(missing_ok=True),
         )
-        status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)
-    if status:
-        raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
+        launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)
+    if gone := launcher.given_up:
+        raise LabanmeshError(f"{scene}: gave up {', '.join(gone)}; its last lines above name the cause")
     return 0
 
 

@@ -117,6 +117,7 @@ class Launcher:
     ) -> None:
         self._on_end = ended
         self._jobs = {job.name: job for job in jobs}
+        self._workers = {job.name for job in jobs if not job.lasting}
         self._environment = {
             **os.environ,
             "PYTHONUNBUFFERED": "1",
@@ -145,15 +146,19 @@ class Launcher:
                 for name in [name for name, due_s in self._due_s.items() if due_s <= now_s]:
                     del self._due_s[name]
                     self._start(self._jobs[name], now_s)
-                workers = [name for name, job in self._jobs.items() if not job.lasting]
-                if exit_when_done and all(name in self._over for name in workers):
+                if exit_when_done and self._workers <= self._over.keys():
                     done_s = now_s if done_s is None else done_s
                     if now_s - done_s >= linger_s:
                         break
                 self._wait_for_end()
         finally:
             self._end_all()
-        return int(RunDecision.GIVEN_UP in self._over.values())
+        return int(bool(self.given_up))
+
+    @property
+    def given_up(self) -> list[str]:
+        """The names of the jobs that failed and are not started again."""
+        return [name for name, decision in self._over.items() if decision is RunDecision.GIVEN_UP]
 
     def _start(self, job: Job, now_s: float) -> None:
         # A session of its own: Ctrl-C at the terminal reaches the launcher alone, which ends the others in order.
@@ -199,12 +204,14 @@ class Launcher:
         else:
             self._over[name] = decision
             self._log.write(OWN_NAME, f"{name} {decision.value} (status {status}) after {ran_s:.1f} s")
+            if self._workers <= self._over.keys() and not self._is_hopeless():
+                ends = ", ".join(f"{name} {self._over[name].value}" for name in sorted(self._workers))
+                self._log.write(OWN_NAME, f"no observer runs any more ({ends}); Ctrl-C or SIGTERM ends the others")
 
     def _is_hopeless(self) -> bool:
         """Whether a lasting job, or every worker, was given up: then the scene cannot work any more."""
-        given_up = {name for name, decision in self._over.items() if decision is RunDecision.GIVEN_UP}
-        workers = {name for name, job in self._jobs.items() if not job.lasting}
-        return bool(given_up - workers) or (bool(workers) and workers <= given_up)
+        given_up = set(self.given_up)
+        return bool(given_up - self._workers) or (bool(self._workers) and self._workers <= given_up)
 
     def _end_all(self) -> None:
         """SIGTERM to all, wait, SIGKILL to those that did not end."""

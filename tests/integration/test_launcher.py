@@ -120,12 +120,14 @@ def test_without_fusion_nothing_goes_on(launched):
     assert ended() == 1
 
 
-def test_finished_workers_leave_the_rest_running_until_stopped(launched):
-    stream, stop, ended = launched(python("fuse", LASTING, lasting=True), python("cam1", "pass"))
-    stream.wait_for("cam1 finished")
+@pytest.mark.parametrize(("end", "decision", "status"), [(0, "finished", 0), (2, "given up", 1)])
+def test_when_no_worker_is_left_the_rest_goes_on_and_a_person_reads_that(launched, end, decision, status):
+    workers = python("cam1", "pass"), python("cam2", f"raise SystemExit({end})")
+    stream, stop, ended = launched(python("fuse", LASTING, lasting=True), *workers)
+    stream.wait_for(f"[up] | no observer runs any more (cam1 finished, cam2 {decision}); Ctrl-C or SIGTERM ends")
     stream.wait_for("ready")
     stop.set()
-    assert ended() == 0
+    assert ended() == status and stream.getvalue().count("no observer runs") == 1
 
 
 def test_when_all_are_done_lasting_processes_linger_and_are_stopped(launched, tmp_path):
