@@ -19,7 +19,7 @@ SCRIPT = ROOT / "examples" / "mqtt.sh"
 FLOW = json.loads((ROOT / "examples" / "node-red-flow.json").read_text("utf-8"))
 
 
-def test_the_shell_example_prints_each_verdict(broker, make):
+def test_the_shell_example_prints_each_verdict_and_sigterm_ends_all_of_it(broker, make):
     if not (shutil.which("mosquitto_sub") and shutil.which("jq")):
         pytest.skip("mosquitto_sub or jq is not installed: tests/hub/mqtt/install_mosquitto.sh")
     verdicts = [
@@ -28,20 +28,18 @@ def test_the_shell_example_prints_each_verdict(broker, make):
         verdict_event(make.verdict(2, label="abstain"), "decided"),
     ]
     command = [SCRIPT, "127.0.0.1", str(broker.port)]
-    # A process group of its own, because mosquitto_sub would outlive the shell.
     with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True, process_group=0) as script,
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as script,
         Listener(broker.port, "$SYS/broker/log/#") as listener,
     ):
-        try:
-            lines = (line.rstrip("\n") for line in script.stdout)
-            broker.wait_for_subscriber("labanmesh/+/verdict")
-            for verdict in verdicts:
-                listener.publish("labanmesh/room/verdict", json.dumps(verdict))
-            assert next(lines) == "nthrow, 60 % sure, 1 of 2 observers"
-            assert next(lines) == "there was a movement, and the observers did not agree which"
-        finally:
-            subprocess.run(["kill", "--", f"-{script.pid}"], check=True, timeout=SOON_S)
+        broker.wait_for_subscriber("labanmesh/+/verdict")
+        for verdict in verdicts:
+            listener.publish("labanmesh/room/verdict", json.dumps(verdict))
+        assert script.stdout.readline() == "nthrow, 60 % sure, 1 of 2 observers\n"
+        assert script.stdout.readline() == "there was a movement, and the observers did not agree which\n"
+        script.terminate()
+        # Its output ends with the last of its processes.
+        assert script.communicate(timeout=SOON_S) == ("", None)
 
 
 def test_the_node_red_flow_is_connected_and_uses_our_topic_and_fields(make):
