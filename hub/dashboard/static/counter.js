@@ -1,14 +1,18 @@
-// The counter: how often the newest repeated movement has been done, large; a target and a reset that this browser keeps.
+// The counter: how often the newest repeated movement has been done; a target and a reset that this browser keeps. The number
+// is large for an exercise: with a target, or while nothing else is done and it was done IN_A_ROW times, as repeated takes are.
 import { $, hide, mark, put, store, stored } from "./elements.js";
 import { words } from "./words.js";
 
+const IN_A_ROW = 3;
 let seen = new Map(), label = null, base = 0, reached = 0, latest = [[], null, () => {}];
 
 export function clearCounter() { seen = new Map(); label = null; base = reached = 0; }
 /* What is in progress counts live, what has ended by its verdict; a movement that is not the newest has its own count. */
 export function showCounter(verdicts, state, announce) {
   latest = [verdicts, state, announce];
-  const counted = [...verdicts.filter((each) => !each.abstain).map((each) => each.count).reverse(), state.silent ? null : state.count].filter(Boolean);
+  const moves = verdicts.filter((each) => !each.abstain).map((each) => each.count).reverse();
+  if (state.count && !state.silent) moves.push(state.count);
+  const counted = moves.filter(Boolean);
   hide($("counter"), counted.length === 0);
   if (!counted.length) return;
   const newest = counted[counted.length - 1];
@@ -18,11 +22,11 @@ export function showCounter(verdicts, state, announce) {
   const target = Number($("target").value) || 0, complete = target > 0 && done > 0 && done % target === 0;
   put($("counter-title"), words(label));
   put($("counted"), String(target && done ? (done - 1) % target + 1 : done));
-  const sets = target ? Math.floor(done / target) : 0, parts = [];
-  if (!target) parts.push(done === 1 ? "time" : "times");
-  else parts.push(`of ${target}${sets + !complete > 1 ? `, set ${sets + !complete}` : ""}`);
-  if (partial > 0) parts.push(`${partial} partial`);
-  put($("counted-words"), parts.join(", "));
+  const sets = target ? Math.floor(done / target) : 0, set = sets + !complete;
+  const times = target ? `of ${target}${set > 1 ? `, set ${set}` : ""}` : done === 1 ? "time" : "times";
+  put($("counted-words"), times + (partial > 0 ? `, ${partial} partial` : ""));
+  const exercised = target > 0 || (newest === moves[moves.length - 1] && all.some((each) => each.done >= IN_A_ROW));
+  mark($("counter"), "size", exercised ? "large" : "small");
   mark($("counter"), "kind", complete ? "complete" : "open");
   if (sets > reached) announce(`${words(label)}: target reached`);
   reached = sets;
