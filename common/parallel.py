@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import active_children, get_context, parent_process, resource_tracker
@@ -36,7 +36,7 @@ def run_parts(
             results.append(function(part))
             done(n, len(parts))
         return results
-    with _one_thread_each(), _workers(min(jobs, len(parts))) as pool:
+    with _environment({name: os.environ.get(name) or "1" for name in THREADS}), _workers(min(jobs, len(parts))) as pool:
         with _ctrl_c_blocked():
             futures = [pool.submit(function, part) for part in parts]
         for n, future in enumerate(as_completed(futures), 1):
@@ -48,6 +48,9 @@ def run_parts(
 @contextmanager
 def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
     """Processes that end with the context; after an exception, such as that of Ctrl-C, at once."""
+    # Where this process ends at once (common/interrupt.py), the tracker removes its semaphores without a warning.
+    with _environment({"PYTHONWARNINGS": "ignore"}):
+        resource_tracker.ensure_running()
     others = set(active_children())
     pool = ProcessPoolExecutor(count, get_context("spawn"), initializer=_end_with_parent)
     try:
@@ -63,8 +66,6 @@ def _workers(count: int) -> Iterator[ProcessPoolExecutor]:
 @contextmanager
 def _ctrl_c_blocked() -> Iterator[None]:
     """Processes that start meanwhile inherit that Ctrl-C does not reach them: it is for this process to end them."""
-    # Its own process starts with the first of the others, and would lift the block.
-    resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -85,12 +86,15 @@ def _wait_for_parents_end() -> None:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update({name: value or "1" for name, value in before.items()})
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Variables of the processes that start in the context."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
         yield
     finally:
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -119,6 +119,12 @@ def test_ctrl_c_ends_a_command_without_a_word_and_without_orphans(folder, words,
     assert process.returncode == 130 and all(" of " in line for line in words if line.strip()), text
 
 
+def test_an_end_at_once_says_nothing_of_semaphores(folder):
+    ends = "import os, common.parallel as p; p.run_parts(abs, [1, 2], 2, lambda n, _: n and os._exit(130))"
+    process = started(folder, [sys.executable, "-P", "-c", ends])
+    assert (process.communicate(timeout=SOON_S)[0], process.returncode) == ("", 130)
+
+
 @pytest.mark.skipif(not LONG, reason="LABANMESH_ATTACKS=long: twenty moments of each verb")
 @pytest.mark.parametrize("verb", VERBS)
 def test_ctrl_c_at_a_random_moment(folder, verb):
