@@ -50,11 +50,9 @@ class Watched:
     among: bool = False
 
 
-STRANGE_MOVEMENTS = 8
-"""Movements that people make and a model does not know, each as often as one that it knows: the most that costs streams
-of MSR Action3D, with 20 movements, no F1 (8 and 16 tried; docs/results/notebook.md)."""
 STRANGE_SHARE = 1 / 3
-"""Of what is no movement, for each known one."""
+"""Movements that the model does not know, and what is no movement, for each known one: the base rate of something else
+where the recordings do not show it."""
 FAINT = 0.2
 """A movement of this share of the usual extent is none: somebody shifts their weight, or a hand trembles."""
 
@@ -169,16 +167,14 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
         )
         truth = np.concatenate([truth, np.full(count, -1)])
         shown = np.concatenate([shown, np.zeros(count)])
-        lacking = _strange_movements_lacking(watched, weights, known, instants.members.shape[-1])
+        lacking = _strange_movements_lacking(watched, weights, known)
         weights = np.concatenate([weights, weights[late] * (lacking / weights[late].sum())])
         segment = np.concatenate([segment, np.full(count, False)])
     return StackerRows(instants, truth, shown, weights, segment & (truth >= 0))
 
 
-def _strange_movements_lacking(
-    watched: Sequence[Watched], weights: Floats, known: NDArray[np.bool_], movements: int
-) -> float:
-    """The weight of STRANGE_MOVEMENTS beside the known ones, less what was recorded.
+def _strange_movements_lacking(watched: Sequence[Watched], weights: Floats, known: NDArray[np.bool_]) -> float:
+    """The weight of STRANGE_SHARE of the known movements, less that of the strange ones that were recorded.
 
     A continuous recording with known movements shows itself how often something else comes between them. One without
     any, of ordinary life, shows what else looks like, but not how often it comes.
@@ -186,7 +182,7 @@ def _strange_movements_lacking(
     example, among = np.array([one.example for one in watched]), np.array([one.among for one in watched])
     alone = weights[known & (example >= 0)].sum() - weights[known & (example < 0)].sum()
     recorded = ~known & (among | (example >= 0) & ~np.isin(example, example[known]))
-    return float(max(STRANGE_MOVEMENTS / movements * max(alone, 0.0) - weights[recorded].sum(), 0.0))
+    return float(max(STRANGE_SHARE * max(alone, 0.0) - weights[recorded].sum(), 0.0))
 
 
 def held_out_results(

@@ -18,7 +18,7 @@ from observer.model.base import (
 )
 from observer.model.held_out import (
     STRANGE_FROM,
-    STRANGE_MOVEMENTS,
+    STRANGE_SHARE,
     Watched,
     rows_of_fold,
     stacker_rows,
@@ -232,11 +232,11 @@ def test_late_instants_of_movements_are_also_those_of_movements_that_are_not_kno
     assert stacker_rows([]) is None
 
 
-def test_movements_not_known_weigh_what_recorded_strange_ones_lack_of_those_that_people_make(watched):
+def test_movements_not_known_weigh_what_recorded_strange_ones_lack_of_a_share_of_the_known_ones(watched):
     _, watched_rows, _ = watched
     known = [row for row in watched_rows if row.truth >= 0 and row.example >= 0]
     moving = sum(row.weight for row in known)
-    expected = STRANGE_MOVEMENTS / known[0].instant.members.shape[-1] * moving
+    expected = STRANGE_SHARE * moving
     strange = replace(known[0], truth=-1, example=max(row.example for row in known) + 1)
 
     def struck(*others):
