@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.features import hop_of, tracks_of
 from observer.model.base import Example, Onset, Stream
@@ -30,7 +29,6 @@ from observer.tracks import Floats, Tracks
 if TYPE_CHECKING:
     from observer.model.stacked import Stacked
 
-
 STRANGE_FROM = 0.6
 """Share of a movement from which it also stands for one that the members do not know: struck out of what they say."""
 
@@ -39,7 +37,7 @@ STRANGE_FROM = 0.6
 class Watched:
     """An instant of a recording that was watched. example: its index, -1 of a stream; progress: share of the movement.
 
-    truth: -1 for something else; among: whether the stream also shows known movements.
+    truth: -1 for something else; over: whether the recording has ended.
     """
 
     instant: Instants
@@ -47,12 +45,11 @@ class Watched:
     truth: int
     progress: float
     weight: float
-    among: bool = False
 
 
 STRANGE_SHARE = 1 / 3
-"""Movements that the model does not know, and what is no movement, for each known one: the base rate of something else
-where the recordings do not show it."""
+"""Strange movements and other motion, and what is no movement, for each known one: the base rate of something else
+where the recordings show no more of it."""
 FAINT = 0.2
 """A movement of this share of the usual extent is none: somebody shifts their weight, or a hand trembles."""
 
@@ -136,7 +133,7 @@ def _watch_streams(model: "Stacked", streams: Sequence[Stream], watched_s: float
     for stream in streams:
         tracks: Sequence[Tracks] = stream.tracks[: max(int(left), 0)]
         left -= len(tracks)
-        watch, among = model.watch(Onset()), any(span.movement >= 0 for span in stream.spans)
+        watch = model.watch(Onset())
         for frame, one in enumerate(tracks):
             watch.update(one)
             if frame % hop or watch.instant is None or watch.rest >= 0.5:
@@ -145,7 +142,7 @@ def _watch_streams(model: "Stacked", streams: Sequence[Stream], watched_s: float
             lasts = model.header.rate_hz if span is None else span.end - span.begin
             progress = 0.0 if span is None else (frame + 1 - span.begin) / lasts
             truth = -1 if span is None else max(span.movement, -1)
-            yield Watched(watch.instant, -1, truth, progress, hop / lasts, among)
+            yield Watched(watch.instant, -1, truth, progress, hop / lasts)
 
 
 def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows | None:
@@ -161,28 +158,17 @@ def stacker_rows(watched: Sequence[Watched], struck: bool = True) -> StackerRows
     known = truth >= 0
     late = known & np.array([one.progress >= STRANGE_FROM for one in watched])
     if struck and late.any() and instants.members.shape[-1] > 2:
-        unknown, count = instants.at(late).without(truth[late]), int(late.sum())
+        unknown = instants.at(late).without(truth[late])
         instants = Instants(
             *(np.concatenate([getattr(instants, f), getattr(unknown, f)]) for f in Instants.__dataclass_fields__)
         )
-        truth = np.concatenate([truth, np.full(count, -1)])
-        shown = np.concatenate([shown, np.zeros(count)])
-        lacking = _strange_movements_lacking(watched, weights, known)
+        truth = np.concatenate([truth, np.full(int(late.sum()), -1)])
+        shown = np.concatenate([shown, np.zeros(int(late.sum()))])
+        # As many as are lacking: other motion that was recorded counts first.
+        lacking = max(STRANGE_SHARE * weights[known].sum() - weights[~known].sum(), 0.0)
         weights = np.concatenate([weights, weights[late] * (lacking / weights[late].sum())])
-        segment = np.concatenate([segment, np.full(count, False)])
+        segment = np.concatenate([segment, np.full(int(late.sum()), False)])
     return StackerRows(instants, truth, shown, weights, segment & (truth >= 0))
-
-
-def _strange_movements_lacking(watched: Sequence[Watched], weights: Floats, known: NDArray[np.bool_]) -> float:
-    """The weight of STRANGE_SHARE of the known movements, less that of the strange ones that were recorded.
-
-    A continuous recording with known movements shows itself how often something else comes between them. One without
-    any, of ordinary life, shows what else looks like, but not how often it comes.
-    """
-    example, among = np.array([one.example for one in watched]), np.array([one.among for one in watched])
-    alone = weights[known & (example >= 0)].sum() - weights[known & (example < 0)].sum()
-    recorded = ~known & (among | (example >= 0) & ~np.isin(example, example[known]))
-    return float(max(STRANGE_SHARE * max(alone, 0.0) - weights[recorded].sum(), 0.0))
 
 
 def held_out_results(
