@@ -81,7 +81,7 @@ def up(
         )
         launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)
     if gone := launcher.given_up:
-        raise LabanmeshError(f"{scene}: gave up {', '.join(gone)}; its last lines above name the cause")
+        raise LabanmeshError(f"{scene}: gave up {', '.join(gone)}; the log above names the causes")
     return 0
 
 

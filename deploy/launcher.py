@@ -146,9 +146,13 @@ class Launcher:
                 for name in [name for name, due_s in self._due_s.items() if due_s <= now_s]:
                     del self._due_s[name]
                     self._start(self._jobs[name], now_s)
-                if exit_when_done and self._workers <= self._over.keys():
+                if self._workers <= self._over.keys():
+                    if done_s is None and self._workers and not exit_when_done:
+                        ends = ", ".join(f"{name} {self._over[name].value}" for name in sorted(self._workers))
+                        line = f"no observer that was started here runs any more ({ends})"
+                        self._log.write(OWN_NAME, f"{line}; Ctrl-C or SIGTERM ends the others")
                     done_s = now_s if done_s is None else done_s
-                    if now_s - done_s >= linger_s:
+                    if exit_when_done and now_s - done_s >= linger_s:
                         break
                 self._wait_for_end()
         finally:
@@ -204,9 +208,6 @@ class Launcher:
         else:
             self._over[name] = decision
             self._log.write(OWN_NAME, f"{name} {decision.value} (status {status}) after {ran_s:.1f} s")
-            if self._workers <= self._over.keys() and not self._is_hopeless():
-                ends = ", ".join(f"{name} {self._over[name].value}" for name in sorted(self._workers))
-                self._log.write(OWN_NAME, f"no observer runs any more ({ends}); Ctrl-C or SIGTERM ends the others")
 
     def _is_hopeless(self) -> bool:
         """Whether a lasting job, or every worker, was given up: then the scene cannot work any more."""

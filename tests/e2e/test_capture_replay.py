@@ -106,7 +106,8 @@ def played_onto(scene, scene_file, whole):
 
 def test_played_onto_a_mesh_fusion_gives_the_same_labels(captured):
     whole, _, _ = captured
-    scene = read_scene(scene_file := whole.with_suffix(".toml"), {})
+    scene_file = whole.with_suffix(".toml")
+    scene = read_scene(scene_file, {})
     then = [decode(VerdictMessage, payload) for payload in payloads(whole, scene.keys.verdict)]
     assert then
     # It is played in real time, which a busy machine may not keep once.

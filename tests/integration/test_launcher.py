@@ -124,10 +124,11 @@ def test_without_fusion_nothing_goes_on(launched):
 def test_when_no_worker_is_left_the_rest_goes_on_and_a_person_reads_that(launched, end, decision, status):
     workers = python("cam1", "pass"), python("cam2", f"raise SystemExit({end})")
     stream, stop, ended = launched(python("fuse", LASTING, lasting=True), *workers)
-    stream.wait_for(f"[up] | no observer runs any more (cam1 finished, cam2 {decision}); Ctrl-C or SIGTERM ends")
+    ends = f"(cam1 finished, cam2 {decision})"
+    stream.wait_for(f"[up] | no observer that was started here runs any more {ends}; Ctrl-C or SIGTERM ends the others")
     stream.wait_for("ready")
     stop.set()
-    assert ended() == status and stream.getvalue().count("no observer runs") == 1
+    assert ended() == status and stream.getvalue().count("no observer") == 1
 
 
 def test_when_all_are_done_lasting_processes_linger_and_are_stopped(launched, tmp_path):
@@ -141,6 +142,7 @@ def test_when_all_are_done_lasting_processes_linger_and_are_stopped(launched, tm
     )
     assert ended() == 0
     assert "fuse | clean" in stream.getvalue()
+    assert "no observer" not in stream.getvalue(), "it ends by itself"
 
 
 def test_all_processes_are_ended_even_those_that_ignore_sigterm(launched, monkeypatch):

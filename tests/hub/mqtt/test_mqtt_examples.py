@@ -32,14 +32,17 @@ def test_the_shell_example_prints_each_verdict_and_sigterm_ends_all_of_it(broker
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as script,
         Listener(broker.port, "$SYS/broker/log/#") as listener,
     ):
-        broker.wait_for_subscriber("labanmesh/+/verdict")
-        for verdict in verdicts:
-            listener.publish("labanmesh/room/verdict", json.dumps(verdict))
-        assert script.stdout.readline() == "nthrow, 60 % sure, 1 of 2 observers\n"
-        assert script.stdout.readline() == "there was a movement, and the observers did not agree which\n"
-        script.terminate()
-        # Its output ends with the last of its processes.
-        assert script.communicate(timeout=SOON_S) == ("", None)
+        try:
+            broker.wait_for_subscriber("labanmesh/+/verdict")
+            for verdict in verdicts:
+                listener.publish("labanmesh/room/verdict", json.dumps(verdict))
+            assert script.stdout.readline() == "nthrow, 60 % sure, 1 of 2 observers\n"
+            assert script.stdout.readline() == "there was a movement, and the observers did not agree which\n"
+            script.terminate()
+            # Its output ends with the last of its processes.
+            assert script.communicate(timeout=SOON_S) == ("", None)
+        finally:
+            script.kill()
 
 
 def test_the_node_red_flow_is_connected_and_uses_our_topic_and_fields(make):
