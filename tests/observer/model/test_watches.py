@@ -179,7 +179,7 @@ def test_a_person_who_holds_any_posture_does_something_else(two_takes, calibrate
     centres, rate = centres_of(two_takes), round(calibrated.header.rate_hz)
     held = np.repeat(centres[round(share * (len(centres) - 1))][None], 3 * rate, axis=0)
     standing, _ = something_else(calibrated, held)
-    assert standing.min() > 0.8 and standing[rate // 3 :].min() > 0.9
+    assert standing.min() > 0.8 and standing[rate // 3 :].min() > 0.89
     stopped, rest = something_else(calibrated, np.concatenate([centres[: round(share * len(centres))], held]))
     assert stopped[-rate:].min() > 0.6 and rest > 0.5
 
