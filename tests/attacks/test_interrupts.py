@@ -71,9 +71,8 @@ def catches_interrupts(process):
 
 
 def is_of_python_itself(text):
-    """Whether a stack is of Python's own start, before the first line of labanmesh.py."""
-    starting = "<frozen site>" in text or "in _get_module_details" in text
-    return starting and 'labanmesh.py"' not in text
+    """Whether a stack is of Python's own start, until labanmesh.py can set its handler, and of no worker."""
+    return ('labanmesh.py"' not in text or "    import signal" in text) and "multiprocessing" not in text
 
 
 def running_in_group(group):
@@ -147,8 +146,11 @@ def test_ctrl_c_at_a_random_moment(folder, verb):
             process.communicate()
             continue
         text, duration_s = end_of(process)
-        if not is_of_python_itself(text):
-            assert process.returncode == 130 and "Traceback" not in text, (at_s, text)
+        if "Traceback" in text or process.returncode == 1:
+            assert is_of_python_itself(text), (at_s, text)
+        else:
+            # While Python itself ends it has no handler any more; a shell says 130 of both.
+            assert process.returncode in (130, -signal.SIGINT), (at_s, text)
         slowest_s = max(slowest_s, duration_s)
     print(f"{verb}: {MOMENTS} moments, {slowest_s:.2f} s at most")
     assert slowest_s <= END_S
