@@ -1,13 +1,14 @@
 """A hostile judge in the place of one of four real observers of a recorded person, for one round of the film. What the
 three honest ones decide without it, by the pure engine, is what a listener must receive."""
 
+import itertools
 import threading
 import time
 
 import pytest
 from attack_judges import TICK_S
-from attack_strategies import STRATEGIES, Moment
-from attack_trial import Case, by_movement, label_of, run
+from attack_strategies import HONEST, STRATEGIES, Moment
+from attack_trial import Case, by_movement, run
 
 from common import SECOND_NS
 
@@ -40,15 +41,17 @@ def performed(person, stage, from_ns, until_ns):
 
 
 def expected(person, spans):
-    """By movement the label that three honest judges give it; None where it is not the right one."""
-    outcome = run(person, Case("", 4, person.stream.rate_hz))
+    """By movement the label that honest judges give it in one verdict, whatever their rate; None where they do not give
+    the right one, or give two at one rate and one at another: that says nothing of the hostile one."""
     rate = person.stream.rate_hz
     once = [(s.start / rate, s.end / rate, s.label) for s in person.spans]
-    labels = [label_of(ids, outcome.verdicts) for ids in by_movement(once, outcome.verdicts)[:-1]]
+    known = {round(begin): label for begin, _, label in once}
+    for strategy, rate_hz in itertools.product(("", HONEST), (rate, 2 * rate)):
+        outcome = run(person, Case(strategy, 4, rate_hz))
+        for (begin, _, label), ids in zip(once, by_movement(once, outcome.verdicts)[:-1], strict=True):
+            if [outcome.verdicts[name][0] for name in ids] != [label]:
+                known[round(begin)] = None
     length_s = len(person.stream.positions) / rate
-    known = {
-        round(begin): label if label == truth else None for (begin, _, truth), label in zip(once, labels, strict=True)
-    }
     return [known.get(round(begin % length_s)) for begin, _, _ in spans]
 
 
