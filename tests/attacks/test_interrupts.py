@@ -4,6 +4,7 @@ most for its end."""
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -70,13 +71,14 @@ def catches_interrupts(process):
     return int(status["SigCgt"], 16) >> (signal.SIGINT - 1) & 1
 
 
-PYTHON_STARTS = ("<frozen site>", "Could not import runpy module", "in _get_module_details", "    import signal\n")
-"""What a stack of Python's own start has: one of its steps, or the import that labanmesh.py needs for its handler."""
+PYTHON_STARTS = ("<frozen site>", "Could not import runpy module", "<frozen runpy>")
+"""One of these is in each stack of Python's own start."""
+HANDLER_IMPORT = re.compile(r'labanmesh\.py", line \d+, in <module>\n    import signal\n')
 
 
 def is_of_python_itself(text):
     """Whether it was Python that was interrupted, before labanmesh.py could set its handler; and no worker of ours."""
-    ours = 'labanmesh.py"' in text and "    import signal\n" not in text
+    ours = 'labanmesh.py"' in text and not HANDLER_IMPORT.search(text)
     return any(step in text for step in PYTHON_STARTS) and not ours and "multiprocessing" not in text
 
 
